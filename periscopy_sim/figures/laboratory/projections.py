@@ -210,12 +210,10 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
 def _draw_distances(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, int]) -> None:
     """Draw how far flat hidden surfaces and occluders are from the wall, each to its middle."""
     surfaces = layout.scenario.hidden.values()
-    ends = [each.centers.mean(axis=0) for each in surfaces if each.curved is None]
-    distances = [(in_words(layout.distance(end)), end) for end in ends]
-    distances += [(in_words(layout.distance(end)), end) for end in layout.occluders().values()]
-    for words, end in dict(distances).items():  # things at one distance have one line
-        distance = layout.distance(end)
-        line = np.stack([end, end - distance * layout.normal])[:, axes]
+    flat = [each.centers.mean(axis=0) for each in surfaces if each.curved is None]
+    ends = {in_words(layout.distance(end)): end for end in (*flat, *layout.occluders().values())}
+    for words, end in ends.items():  # things at one distance have one line
+        line = np.stack([end, end - layout.distance(end) * layout.normal])[:, axes]
         look = {"arrowstyle": "<->", "color": "0.45", "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", *line, arrowprops=look, zorder=6, annotation_clip=False)
         labels.add(words, line.mean(axis=0)[None], "0.25")
