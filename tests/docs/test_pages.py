@@ -97,11 +97,11 @@ def test_links_that_do_not_are_told(faults, body, fault):
 def test_a_plural_of_a_literal_is_read_as_one():
     pytest.importorskip("sphinx")
     mark = extension("docstrings").mark_ends
-    lines = ["Values for the file's ``<default>``s, and `Scenario`s.", "``whole``, ``next`` and `own`."]
+    lines = ["Values for the file's ``<default>``s, and `Scenario`s.", "``one``, ``next``, `own`."]
     mark(None, "", "", None, None, lines)
     assert lines == [
         "Values for the file's ``<default>``\\ s, and `Scenario`\\ s.",
-        "``whole``, ``next`` and `own`.",
+        "``one``, ``next``, `own`.",
     ]
 
 

@@ -62,9 +62,7 @@ def plot(
     if out.suffix == TABLE and (over or panels):
         raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
     if out.suffix not in (*FIGURES, TABLE):
-        raise OutputError(
-            f"--out {out}: name a file that ends in {', '.join((*FIGURES, TABLE))}"
-        )
+        raise OutputError(f"--out {out}: name a file that ends in {', '.join((*FIGURES, TABLE))}")
     held = options.parse_definitions(at, "--at")
     texts = {axis: options.parse_list("--at", values) for axis, values in held.items()}
     axis, equals, value = reference.rpartition("=")

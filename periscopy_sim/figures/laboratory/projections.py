@@ -271,7 +271,8 @@ SEEN = 0.35, 0.6, 0.8
 
 LARGER: Any = {
     "font.size": 12, "axes.titlesize": 12, "axes.labelsize": 12, "figure.labelsize": 12,
-    "xtick.labelsize": 12, "ytick.labelsize": 12, "axes.spines.top": True, "axes.spines.right": True,
+    "xtick.labelsize": 12, "ytick.labelsize": 12,
+    "axes.spines.top": True, "axes.spines.right": True,
 }  # fmt: skip
 """Letters of the drawing, of 6 points on a phone, and frames about its panels."""
 

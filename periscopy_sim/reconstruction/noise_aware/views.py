@@ -329,8 +329,8 @@ def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, 
         step /= max(1.0, np.abs(step / widths).max())
     else:
         raise InputError(
-            "the exposures of the views cannot be estimated: the evidence has no maximum near those "
-            "of each view alone; recover each view alone, and compare their residuals"
+            "the exposures of the views cannot be estimated: the evidence has no maximum near "
+            "those of each view alone; recover each view alone, and compare their residuals"
         )
     variances = np.diag(np.linalg.inv(now.curvature))[: count - 1]
     by_prior = np.minimum(2 * variances * now.of_prior[1:], 1)
