@@ -138,7 +138,7 @@ def _claims(kind: str, errors: xr.DataArray, limits: xr.DataArray) -> list[Claim
             "",
             f"{ratios.min():.2f} to {ratios.max():.2f} over the SBRs of the figure",
             Verdict.MEASURED,
-            "It is not of the paper: more of it on the page of `make beyond`.",
+            "The paper does not have it; make beyond measures more of it.",
         ),
     ]
 
