@@ -168,9 +168,11 @@ def test_figures_show_by_their_inches_and_long_names_may_break(tmp_path):
     names = "periscopy reconstruct --method unrolled", "a" * 40
     page = nodes.section("", *(nodes.image(uri=f"{n}.png") for n in ("column", "screen", "gone")))
     page += [nodes.literal("", name) for name in names]
+    page += nodes.paragraph("", "0.1 % of 60 dB, 3 samples")
     extension("phone_widths").mark(SimpleNamespace(srcdir=tmp_path), page)
     assert [each.get("width") for each in page.findall(nodes.image)] == ["560px", None, None]
     assert [each["classes"] for each in page.findall(nodes.literal)] == [[], ["long"]]
+    assert page[-1].astext().split(" ") == ["0.1\xa0%", "of", "60\xa0dB,", "3", "samples"]
 
 
 def test_the_sidebar_of_the_api_has_a_caption_for_each_section():
