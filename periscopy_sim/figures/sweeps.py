@@ -159,31 +159,6 @@ def table_of(results: "xr.Dataset", metric: str) -> Any:
     return table
 
 
-def labelled(results: "xr.Dataset", metric: str, labels: Mapping[str, str]) -> "xr.Dataset":
-    """Return results with words of a person's own for axes, methods and the metric.
-
-    A PeriscopyError says that there is nothing of a name.
-    """
-    surfaces, methods = surfaces_of(results, metric), results["algorithm"].values.tolist()
-    every = results.attrs.get("algorithms", methods)  # also what all is compared with
-    axes = [name for name in map(str, results["failure"].dims) if name != "algorithm"]
-    known = [*dict.fromkeys([*axes, metric, *every])]
-    for name, words in labels.items():
-        if name not in known:
-            guess = did_you_mean(name, known) or f"there are {', '.join(known)}"
-            raise PeriscopyError(f"nothing called '{name}' in the sweep; {guess}")
-        for each in surfaces if name == metric else {name} & {*axes}:
-            results[each].attrs["label"] = words
-    for each in surfaces:
-        if (minus := results[each].attrs.get("minus")) in labels:
-            results[each].attrs["minus"] = labels[minus]
-    named = [labels.get(name, name) for name in methods]
-    if len({*named}) < len(named):
-        raise PeriscopyError("two methods have one label; give each its own")
-    results = results.assign_coords(algorithm=named)
-    return results.assign_attrs(algorithms=[labels.get(name, name) for name in every])
-
-
 def _in_millimetres(results: "xr.Dataset") -> "xr.Dataset":
     """Return results whose axes of short lengths are in millimetres."""
     for axis in map(str, results["failure"].dims):
@@ -245,7 +220,7 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     unit = axis.attrs.get("units", "1").replace("1", "")
     is_number = isinstance(value, int | float | np.number)
     text = f"{value:.4g} {unit}".strip() if is_number else str(value)
-    return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
+    return f"{SHORT.get(name, name)} = {text}"
 
 
 def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room: float) -> None:
@@ -313,6 +288,6 @@ def _caption(parts: "Sequence[xr.Dataset]") -> str:
 def words_of(variable: "xr.DataArray", name: str) -> str:
     """Return a metric or an axis in words, with its unit."""
     unit, minus = variable.attrs.get("units", "1"), variable.attrs.get("minus", "")
-    words = variable.attrs.get("label") or NAMES.get(name, name)
+    words = NAMES.get(name, name)
     words += f" minus that of {minus}" if minus else ""
     return f"{words}{f', {unit}' if unit != '1' else ''}"

@@ -10,7 +10,7 @@ from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures.style import COLUMN, PAGE
-from periscopy_sim.figures.sweeps import draw_sweep, labelled, surfaces_of, table_of
+from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of, table_of
 from periscopy_sim.numerics.limits import number_of
 
 if TYPE_CHECKING:
@@ -43,10 +43,6 @@ def plot(
     at: Annotated[
         list[str] | None, option("NAME=VALUES", "Values of an axis to keep, by comma; repeatable.")
     ] = None,
-    label: Annotated[
-        list[str] | None,
-        option("NAME=WORDS", "What to call an axis, a metric or a method; repeatable."),
-    ] = None,
     reference: Annotated[
         str,
         option(
@@ -74,7 +70,6 @@ def plot(
         from periscopy_sim.evaluation.statistics import differences
 
         results = differences(results, surfaces_of(results, metric), value, axis)
-    results = labelled(results, metric, options.parse_definitions(label, "--label"))
     with output_files(out) as (file,):
         if out.suffix == TABLE:
             table_of(results, metric).to_csv(file, index=False, lineterminator="\n")
