@@ -91,7 +91,7 @@ def draw_schematic(path: Path) -> None:
         ax.plot(*flat([CAMERA]).T, "s", color=blue, markersize=9, zorder=8)
         for text, place, colour in (
             ("monitor with the hidden image", [0.23, 0, 0.06], orange),
-            ("the chair\ncasts soft\nshadows", [0.94, 0.87, 0], "0.2"),
+            ("the chair\ncasts soft\nshadows", [0.948, 0.87, 0.012], "0.2"),
             ("blank wall; the camera\nsees this square", [0.20, 1.03, 0.36], blue),
             ("camera", CAMERA - [0, 0, 0.075], blue),
             ("corner", [0.90, 0.13, 0.27], "0.25"),

@@ -57,7 +57,7 @@ command = [sys.executable, "-m", "periscopy_sim", "draw", file, "--out", drawing
 subprocess.run(command, check=True, capture_output=True)
 picture = plt.imread(drawing)
 figure, ax = plt.subplots(figsize=(6, 6 * picture.shape[0] / picture.shape[1]))
-ax.imshow(picture)
+ax.imshow(picture, interpolation="lanczos")
 ax.set_axis_off()
 
 # %%

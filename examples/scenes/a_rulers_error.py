@@ -55,7 +55,7 @@ results = {
     "calibrated": reconstructed(calibration.values),
     "true scene": reconstructed(true_values),
 }
-figure, axes = plt.subplots(2, 4, figsize=(6, 4.0))
+figure, axes = plt.subplots(2, 4, figsize=(6, 3.5))
 axes[0, 0].imshow(ps.to_srgb(truth, 1))
 axes[0, 0].set_title("hidden image")
 axes[1, 0].imshow(ps.to_srgb(photograph))
