@@ -21,8 +21,8 @@ FEWEST_WORDS = 4
 
 LITERAL = re.compile(r"(``[^`\n]+``|`[^`\n]+`)(\w?)")
 SHARED = re.compile(r"^:ivar \w+(, \w+)+:")
-COMMA = ",\N{ZERO WIDTH SPACE}"
-"""What separates attributes until Sphinx has read the type."""
+JOINT = "\N{ZERO WIDTH SPACE}"
+"""Space between attributes until Sphinx has read the type."""
 
 
 def mark_ends(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
@@ -36,14 +36,16 @@ def mark_ends(app: Any, what: str, name: str, item: Any, options: Any, lines: li
 
 def join_names(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
     """Leave no space between attributes that share a line."""
-    lines[:] = [SHARED.sub(lambda names: names[0].replace(", ", COMMA), line) for line in lines]
+    lines[:] = [
+        SHARED.sub(lambda names: names[0].replace(", ", f",{JOINT}"), line) for line in lines
+    ]
 
 
 def split_names(app: Any, doctree: Any) -> None:
     """Show the attributes that share a line with spaces between them."""
     for text in list(doctree.findall(nodes.Text)):
-        if COMMA in text:
-            text.parent.replace(text, nodes.Text(text.replace(COMMA, ", ")))
+        if JOINT in text:
+            text.parent.replace(text, nodes.Text(text.replace(JOINT, " ")))
 
 
 def check(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
