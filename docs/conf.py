@@ -35,6 +35,7 @@ extensions = [
     "commands_page",
     "docstrings",
     "phone_tables",
+    "phone_widths",
     "api_groups",
 ]
 exclude_patterns = ["extensions", "first_hour.ipynb", "repository/readme.txt"]

@@ -91,13 +91,13 @@ def draw_schematic(path: Path) -> None:
         ax.plot(*flat([CAMERA]).T, "s", color=blue, markersize=9, zorder=8)
         for text, place, colour in (
             ("monitor with the hidden image", [0.23, 0, 0.06], orange),
-            ("the chair casts\nsoft shadows", [0.905, 0.85, 0], "0.2"),
+            ("the chair\ncasts soft\nshadows", [0.948, 0.87, 0.012], "0.2"),
             ("blank wall; the camera\nsees this square", [0.20, 1.03, 0.36], blue),
             ("camera", CAMERA - [0, 0, 0.075], blue),
             ("corner", [0.90, 0.13, 0.27], "0.25"),
         ):
             x, y = flat([place])[0]
-            ax.text(x, y, text, color=colour, ha="center", va="center", fontsize=10, zorder=10)
+            ax.text(x, y, text, color=colour, ha="center", va="center", fontsize=12, zorder=10)
         ax.set(aspect="equal")
         ax.margins(0.01)
         ax.autoscale_view()

@@ -128,3 +128,5 @@ _TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True
 )
 _TEMPLATES.filters["base64"] = lambda file: b64encode(file.read_bytes()).decode("ascii")
+# Of a PNG of 300 pixels an inch: 160 pixels of the page for an inch of print.
+_TEMPLATES.filters["width"] = lambda file: int.from_bytes(file.read_bytes()[16:20]) * 160 // 300

@@ -1,7 +1,8 @@
 """Docstrings as Sphinx reads them.
 
 A plural such as ``<default>``s ends a literal within a word, which reStructuredText does not take
-without a mark that `help` should not have to show.
+without a mark that `help` should not have to show. Of attributes that share a line, as ``a, b``,
+Sphinx would take the first for the type of the second.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from docutils import nodes
 from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
 
@@ -17,12 +19,33 @@ logger = logging.getLogger(__name__)
 FEWEST_WORDS = 4
 """Words of a first sentence; fewer repeat the name."""
 
-ENDS_WITHIN_A_WORD = re.compile(r"(``[^`\n]+``|(?<!`)`[^`\n]+`)(?=\w)")
+LITERAL = re.compile(r"(``[^`\n]+``|`[^`\n]+`)(\w?)")
+SHARED = re.compile(r"^:ivar \w+(, \w+)+:")
+JOINT = "\N{ZERO WIDTH SPACE}"
+"""Space between attributes until Sphinx has read the type."""
 
 
 def mark_ends(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
     """Put the mark where a literal or a name ends within a word."""
-    lines[:] = [ENDS_WITHIN_A_WORD.sub(r"\1\\ ", line) for line in lines]
+
+    def marked(match: re.Match[str]) -> str:
+        return match[1] + (f"\\ {match[2]}" if match[2] else "")
+
+    lines[:] = [LITERAL.sub(marked, line) for line in lines]
+
+
+def join_names(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
+    """Leave no space between attributes that share a line."""
+    lines[:] = [
+        SHARED.sub(lambda names: names[0].replace(", ", f",{JOINT}"), line) for line in lines
+    ]
+
+
+def split_names(app: Any, doctree: Any) -> None:
+    """Show the attributes that share a line with spaces between them."""
+    for text in list(doctree.findall(nodes.Text)):
+        if JOINT in text:
+            text.parent.replace(text, nodes.Text(text.replace(JOINT, " ")))
 
 
 def check(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
@@ -50,5 +73,7 @@ def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.connect("autodoc-process-docstring", check, priority=0)  # as written, before napoleon
     app.connect("autodoc-process-docstring", mark_ends)
+    app.connect("autodoc-process-docstring", join_names, priority=900)  # after napoleon
+    app.connect("doctree-read", split_names)
     app.connect("missing-reference", by_last_name)
     return {"parallel_read_safe": True}

@@ -28,7 +28,9 @@ def mark(app: Any, doctree: Any) -> None:
             titles = [each.astext() for head in table.findall(nodes.thead) for each in head[0]]
             for cells in rows if len(titles) > 2 else ():
                 for title, cell in list(zip(titles, cells, strict=True))[1:]:
-                    if title and cell.children:
+                    if not cell.astext():
+                        cell["classes"].append("empty")
+                    elif title:
                         cell[0].insert(0, nodes.inline(text=f"{title}: ", classes=["title"]))
             continue
         for cell in table.findall(nodes.entry):

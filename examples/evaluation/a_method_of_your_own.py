@@ -72,7 +72,7 @@ world = ps.World(
 results = ps.run_sweep(ps.Sweep(world, sbrs=[0.1, 1, 10]), folder / "sweep").squeeze()
 assert not results.failure.values.any(), "each method gave an image of every photograph"
 
-figure, axes = plt.subplots(3, 4, figsize=(7.2, 4.9))
+figure, axes = plt.subplots(3, 4, figsize=(6, 4.6))
 for row, sbr in zip(axes, results.sbr.values, strict=True):
     row[0].imshow(ps.to_srgb(truth, 1))
     row[0].set_ylabel(f"SBR {sbr:g}")

@@ -64,7 +64,7 @@ assert (mean.sel(algorithm="noise-aware") < mean.sel(algorithm="preconditioned")
 # %%
 # The sweep keeps every image: look at those behind a surprising number.
 
-figure, axes = plt.subplots(3, 5, figsize=(7.2, 3.9))
+figure, axes = plt.subplots(3, 5, figsize=(6, 3.4))
 for row, name in zip(axes, world.methods, strict=True):
     for ax, sbr in zip(row, sweep.sbrs, strict=True):
         image = results.reconstruction.sel(algorithm=name, background="room 1", sbr=sbr).values

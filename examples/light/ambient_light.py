@@ -29,7 +29,7 @@ assert Q.shape[1] < 100
 # The first pictures of that basis (blue is negative) are a constant, planes, then parabolas. None
 # resembles the edge of a shadow.
 
-figure, axes = plt.subplots(1, 6, figsize=(7.2, 1.5))
+figure, axes = plt.subplots(1, 6, figsize=(6, 1.5))
 for k, ax in enumerate(axes):
     picture = Q[:, k] * np.sign(Q[:, k].sum())
     reach = np.abs(picture).max()
@@ -65,14 +65,14 @@ for name, light in lights.items():
 kept = {name: strength(without_ambient_light(light)) for name, light in lights.items()}
 assert kept["the monitor's"] > 5 * kept["the sky's"]
 
-figure, axes = plt.subplots(1, 4, figsize=(7.2, 2.2))
+figure, axes = plt.subplots(1, 4, figsize=(6, 2.2))
 axes[0].imshow(ps.to_srgb(signal))
-axes[0].set_title("the monitor's light")
+axes[0].set_title("the monitor's\nlight")
 axes[1].imshow(ps.to_srgb(photograph))
 axes[1].set_title("under the sky")
 for ax, title, light in zip(
     axes[2:],
-    ["both, projected", "the sky, projected"],
+    ["both,\nprojected", "the sky,\nprojected"],
     [signal + scale * sky, scale * sky],
     strict=True,
 ):

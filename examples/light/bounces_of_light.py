@@ -25,7 +25,7 @@ assert 0.05 < share < 0.2
 # Bounced light has the room's colours: a warm side wall, a blue shelf. It comes from all
 # directions, so the chair's shadow of it has no edges.
 
-figure, axes = plt.subplots(1, 3, figsize=(7.2, 2.6))
+figure, axes = plt.subplots(1, 3, figsize=(6, 2.4))
 white = np.percentile(all_bounces, 99.5)
 panels = [
     ("direct light", direct, white),

@@ -44,7 +44,7 @@ figure, ax = plt.subplots(figsize=(5.6, 3.4))
 for name, s in values.items():
     ax.semilogy(np.arange(1, len(s) + 1), s / s[0], label=f"{name}: {strong[name]} patterns")
 ax.axhline(floor, color="0.5", linestyle="--", linewidth=1)
-ax.text(60, floor * 1.25, "noise at 60 dB", va="bottom", color="0.4", fontsize=8)
+ax.text(60, floor * 1.25, "noise at 60 dB", va="bottom", color="0.4")
 ax.set(xlabel="singular value", ylabel="over the largest", xlim=(0, len(s)), ylim=(1e-8, 1.5))
 ax.legend(title="between monitor and wall")
 
@@ -54,7 +54,7 @@ ax.legend(title="between monitor and wall")
 
 A = ps.render_transport(scenes["a chair"], samples=64, strata="gauss").astype(float)
 V = np.linalg.svd(A, full_matrices=False)[2]
-figure, axes = plt.subplots(1, 5, figsize=(7.2, 1.7))
+figure, axes = plt.subplots(1, 5, figsize=(6, 1.6))
 for ax, k in zip(axes, (1, 3, 10, 50, 250), strict=True):
     pattern = V[k - 1].reshape(hidden)
     reach = np.abs(pattern).max()

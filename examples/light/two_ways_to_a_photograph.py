@@ -38,14 +38,14 @@ assert abs(closed_form.sum() / mean.sum() - 1) < 2e-3
 # Rays and path tracing differ only by the path tracer's noise. The closed form uses the middle of
 # each pixel, so it differs at the edges of shadows.
 
-figure, axes = plt.subplots(1, 4, figsize=(7.2, 1.9))
+figure, axes = plt.subplots(1, 4, figsize=(6, 2.0))
 axes[0].imshow(ps.to_srgb(mean))
 axes[0].set_title("path traced")
 axes[1].imshow(ps.to_srgb(closed_form))
 axes[1].set_title("closed form")
 for ax, title, light in zip(
     axes[2:],
-    ["rays, difference", "closed form, difference"],
+    ["rays,\ndifference", "closed form,\ndifference"],
     [shadow_rays, closed_form],
     strict=True,
 ):

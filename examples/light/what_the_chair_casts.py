@@ -30,11 +30,11 @@ print(f"A has {A.shape[0]} rows, one a pixel, and {A.shape[1]} columns, one a pa
 
 wall = scene.photograph_shape
 patches = [(7, 2), (7, 9), (7, 15), (1, 9), (13, 9)]
-figure, axes = plt.subplots(1, 5, figsize=(7.2, 2.0))
+figure, axes = plt.subplots(1, 5, figsize=(6, 2.0))
 for ax, (row, column) in zip(axes, patches, strict=True):
     light = A[:, row * hidden[1] + column].reshape(wall)
     ax.imshow(light, cmap="gray", vmin=0, vmax=A.max())
-    ax.set_title(f"row {row}, column {column}")
+    ax.set_title(f"row {row},\ncolumn {column}")
     ax.set_axis_off()
 
 # %%
@@ -57,7 +57,7 @@ away = ps.load_scenario("chair", hidden, {"resolution": 63, "occluder_dz": -3})
 glow = (ps.render_transport(away, samples=64) @ image.reshape(-1, 3)).reshape(photograph.shape)
 assert (photograph <= glow * 1.0001).all(), "an occluder adds no light"
 
-figure, axes = plt.subplots(1, 3, figsize=(7.2, 2.7))
+figure, axes = plt.subplots(1, 3, figsize=(6, 2.5))
 white = np.percentile(glow, 99.5)
 for ax, (title, light) in zip(
     axes, [("no chair", glow), ("the chair's shadow", photograph)], strict=False
@@ -65,7 +65,7 @@ for ax, (title, light) in zip(
     ax.imshow(ps.to_srgb(light, white))
     ax.set_title(title)
 shadow = axes[2].imshow((photograph / glow).mean(axis=2), cmap="magma", vmin=0, vmax=1)
-axes[2].set_title("fraction of light that passes")
+axes[2].set_title("fraction of light\nthat passes")
 figure.colorbar(shadow, ax=axes[2], shrink=0.8)
 for ax in axes:
     ax.set_axis_off()

@@ -42,7 +42,7 @@ video = ps.NoiseAwareVideo(ps.NoiseAware.for_scene(scene, A, B))
 images = np.array([video.next_frame(photograph) for photograph in photographs])
 
 shown = range(1, frames, 3)
-figure, axes = plt.subplots(3, len(shown), figsize=(7.2, 3.6))
+figure, axes = plt.subplots(3, len(shown), figsize=(6, 3.5))
 for column_of_axes, k in zip(axes.T, shown, strict=True):
     pictures = (
         ps.to_srgb(photographs[k], np.percentile(light, 99.5)),

@@ -70,13 +70,12 @@ images = {
     "f ≥ 0": positive,
     "noise-aware": noise_aware,
 }
-figure = plt.figure(figsize=(7.2, 4.1))
-top, bottom = figure.subfigures(2, 1, height_ratios=[1, 1.6])
-for ax, (name, result) in zip(top.subplots(1, len(images)), images.items(), strict=True):
+figure = plt.figure(figsize=(6, 5.2))
+top, bottom = figure.subfigures(2, 1, height_ratios=[1.3, 1.2])
+for ax, (name, result) in zip(top.subplots(2, 3).flat, images.items(), strict=True):
     ax.imshow(ps.to_srgb(ps.gain_matched(result, truth), 1))
     ax.set_title(
-        name if name == "hidden" else f"{name}\n{ps.psnr_gain_matched(result, truth):.1f} dB",
-        fontsize=8,
+        name if name == "hidden" else f"{name}\n{ps.psnr_gain_matched(result, truth):.1f} dB"
     )
     ax.set_axis_off()
 ax = bottom.subplots()

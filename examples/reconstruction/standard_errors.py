@@ -38,21 +38,21 @@ true = np.sqrt(np.mean(errors**2, axis=(0, 3)))
 reported = np.sqrt(np.mean(reported**2, axis=2))
 
 white = unit * truth.max() / 100
-figure, axes = plt.subplots(1, 4, figsize=(7.2, 2.1))
-axes[0].imshow(ps.to_srgb(solutions[0].image, unit))
-axes[0].set_title("reconstruction")
+figure, axes = plt.subplots(2, 2, figsize=(6, 4.6))
+axes[0, 0].imshow(ps.to_srgb(solutions[0].image, unit))
+axes[0, 0].set_title("reconstruction")
 top = 1.02 * max(reported.max(), true.max()) / white
 for ax, name, values in zip(
-    axes[1:3], ("reported, % of white", "true"), (reported, true), strict=True
+    axes[1], ("reported, % of white", "true, % of white"), (reported, true), strict=True
 ):
     shown = ax.imshow(values / white, cmap="magma", vmin=0, vmax=top)
     ax.set_title(name)
-figure.colorbar(shown, ax=axes[1:3], shrink=0.7, aspect=14)
-for ax in axes[:3]:
+figure.colorbar(shown, ax=axes[1], shrink=0.9)
+for ax in (axes[0, 0], *axes[1]):
     ax.set_axis_off()
-axes[3].plot([0, top], [0, top], color="0.6", linewidth=1)
-axes[3].scatter(reported / white, true / white, s=7, alpha=0.6, linewidth=0)
-axes[3].set(xlabel="reported, %", ylabel="true, %", xlim=(0, top), ylim=(0, top), box_aspect=1)
+axes[0, 1].plot([0, top], [0, top], color="0.6", linewidth=1)
+axes[0, 1].scatter(reported / white, true / white, s=7, alpha=0.6, linewidth=0)
+axes[0, 1].set(xlabel="reported, %", ylabel="true, %", xlim=(0, top), ylim=(0, top), box_aspect=1)
 
 # %%
 # For normal errors the truth is within one standard error in 68 % of all cases, and within two in

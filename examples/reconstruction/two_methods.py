@@ -42,7 +42,7 @@ images = {
     "repaired": step.image,
     "noise-aware": noise_aware.image,
 }
-figure, axes = plt.subplots(1, 5, figsize=(7.2, 1.75))
+figure, axes = plt.subplots(1, 5, figsize=(6, 1.9))
 for ax, (name, image) in zip(axes, images.items(), strict=True):
     ax.imshow(ps.to_srgb(ps.gain_matched(image, truth), 1))
     ax.set_title(
@@ -53,7 +53,7 @@ for ax, (name, image) in zip(axes, images.items(), strict=True):
 # %%
 # Noise that is white in the photograph is not white in :math:`P y`: it is strong in the patterns
 # that the wall hardly shows. Its standard deviation in each patch is the square root of the
-# Cramer-Rao bound, the diagonal of :math:`P P^\top`. Neighbours have correlated noise.
+# Cramér-Rao bound, the diagonal of :math:`P P^\top`. Neighbours have correlated noise.
 
 P = paper.preconditioner
 bound = np.sqrt(P.noise_gain).reshape(hidden)
@@ -62,12 +62,12 @@ covariance = M @ M.T
 middle = 7 * hidden[1] + 9
 correlation = covariance[middle] / np.sqrt(covariance[middle, middle] * np.diag(covariance))
 
-figure, axes = plt.subplots(1, 2, figsize=(7.2, 2.7))
+figure, axes = plt.subplots(1, 2, figsize=(6, 2.4))
 shown = axes[0].imshow(bound / bound.min(), cmap="magma", vmin=1)
-axes[0].set_title("noise of P y, over its least")
+axes[0].set_title("noise of P y,\nover its least")
 figure.colorbar(shown, ax=axes[0], shrink=0.8)
 shown = axes[1].imshow(correlation.reshape(hidden), cmap="RdBu_r", vmin=-1, vmax=1)
-axes[1].set_title("its correlation with the patch in the middle")
+axes[1].set_title("its correlation with\nthe patch in the middle")
 figure.colorbar(shown, ax=axes[1], shrink=0.8)
 for ax in axes:
     ax.set_axis_off()

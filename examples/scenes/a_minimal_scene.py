@@ -55,8 +55,9 @@ assert len(XML.splitlines()) == 25
 drawing = folder / "minimal.png"
 command = [sys.executable, "-m", "periscopy_sim", "draw", file, "--out", drawing]
 subprocess.run(command, check=True, capture_output=True)
-figure, ax = plt.subplots(figsize=(8, 7.4), layout="constrained")
-ax.imshow(plt.imread(drawing))
+picture = plt.imread(drawing)
+figure, ax = plt.subplots(figsize=(6, 6 * picture.shape[0] / picture.shape[1]))
+ax.imshow(picture, interpolation="lanczos")
 ax.set_axis_off()
 
 # %%

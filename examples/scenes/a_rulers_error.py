@@ -55,7 +55,7 @@ results = {
     "calibrated": reconstructed(calibration.values),
     "true scene": reconstructed(true_values),
 }
-figure, axes = plt.subplots(2, 4, figsize=(7.2, 3.7), width_ratios=[1, 1, 1, 1])
+figure, axes = plt.subplots(2, 4, figsize=(6, 3.5))
 axes[0, 0].imshow(ps.to_srgb(truth, 1))
 axes[0, 0].set_title("hidden image")
 axes[1, 0].imshow(ps.to_srgb(photograph))
@@ -65,7 +65,7 @@ for (above, below), (name, (image, residual)) in zip(axes.T[1:], results.items()
     above.set_title(f"{name}\n{ps.psnr_gain_matched(image, truth):.1f} dB")
     percent = 100 * residual.light.mean(axis=2) / np.sqrt(np.mean(photograph**2))
     below.imshow(percent, cmap="RdBu_r", vmin=-1, vmax=1)
-    below.set_title(f"unexplained: {100 * residual.unexplained:.2f} %")
+    below.set_title(f"unexplained:\n{100 * residual.unexplained:.2f} %")
 for ax in axes.flat:
     ax.set_axis_off()
 

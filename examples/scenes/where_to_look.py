@@ -3,7 +3,7 @@ Where to look
 =============
 
 Which part of the wall should the camera photograph? The scene alone determines how well a
-photograph shows hidden images. The Cramer-Rao bound is the least error of any unbiased method, so
+photograph shows hidden images. The Cramér-Rao bound is the least error of any unbiased method, so
 the best view has the least bound.
 """
 
@@ -33,8 +33,8 @@ dx, dz = np.linspace(-0.2, 0.2, 9), np.linspace(-0.24, 0.16, 9)
 bounds = np.array([[mean_bound({"camera_dx": x, "camera_dz": z}) for x in dx] for z in dz])
 row, column = np.unravel_index(np.nanargmin(bounds), bounds.shape)
 print(
-    f"least {100 * bounds[row, column]:.1f} % of white, {100 * dx[column]:+.0f} cm to the right of "
-    f"the paper's view and {100 * dz[row]:+.0f} cm above it"
+    f"least {100 * bounds[row, column]:.1f} % of white, where the view moves "
+    f"{100 * dx[column]:+.0f} cm to the right and {100 * dz[row]:+.0f} cm up"
 )
 print(f"at the paper's view it is {100 * mean_bound({}):.1f} %")
 

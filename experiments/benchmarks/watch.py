@@ -161,7 +161,8 @@ def draw(path: Path, latencies: Array, memory: Array, command: Sequence[str]) ->
         for mark in (1000 / RATE, 1000 * LATENCY):
             left.axvline(mark, color="0.5", linestyle=":", linewidth=0.8)
         left.set(xlabel="latency (ms)", ylabel="frames", xticks=[0, 33, 100])
-        left.legend(loc="upper right", handlelength=0.8, handletextpad=0.4)
+        handles = left.get_legend_handles_labels()
+        figure.legend(*handles, loc="outside upper left", ncols=2)
         right.plot(memory[:, 0] / 60, memory[:, 1], color=OKABE_ITO[0], linewidth=0.7)
         right.set(xlabel="time (min)", ylabel="memory (MB)", ylim=(0, 1.1 * memory[:, 1].max()))
 

@@ -96,6 +96,7 @@ def _draw(figure: Any, rows: Array, setting: Setting) -> None:
         picture = ax.imshow(row, cmap="RdBu_r", vmin=-limit, vmax=limit, extent=extent)
         ax.set_title(f"row {r}, column {c}")
         ax.set(xticks=(-200, 0, 200), yticks=(-200, 0, 200), xlabel="across (mm)")
+        ax.set_ylabel("up (mm)")
         ax.label_outer()
         bottom.colorbar(
             picture, ax=ax, orientation="horizontal", extend="both", label="entry of P", aspect=14,

@@ -138,7 +138,7 @@ def _claims(kind: str, errors: xr.DataArray, limits: xr.DataArray) -> list[Claim
             "",
             f"{ratios.min():.2f} to {ratios.max():.2f} over the SBRs of the figure",
             Verdict.MEASURED,
-            "It is not of the paper: more of it on the page of `make beyond`.",
+            "The paper does not have it; make beyond measures more of it.",
         ),
     ]
 
@@ -148,19 +148,18 @@ def _draw_examples(setting: Setting, results: xr.Dataset, light: Array) -> Pictu
     rows = {}
     for sbr in SHOWN:
         y = ps.composite(setting.measured.signal, light, sbr)
-        given = [("measurement", displayable(y)), ("hidden image", truth)]
+        given = [("photograph", displayable(y)), ("hidden image", truth)]
         images = recovered(results, truth, background=EXAMPLE, sbr=sbr)
         rows[f"SBR {sbr:g}"] = given + images
     return draw_rows(
         setting.out, "fig4_examples", rows,
-        f"Measurements of the {setting.measured.kind} photograph under "
-        f"'{EXAMPLE.replace('_', ' ')}' (white: the 99.5th percentile) and what the three methods "
-        "make of them, with mean squared errors.",
+        f"The {setting.measured.kind} photograph under '{EXAMPLE.replace('_', ' ')}' (white: the "
+        "99.5th percentile) and its reconstructions by three methods, with mean squared errors.",
     )  # fmt: skip
 
 
 def _draw_places(setting: Setting, light: dict[str, Array]) -> Picture:
-    with drawn(setting.out, "fig4_places", PAGE, 3.6) as figure:
+    with drawn(setting.out, "fig4_places", PAGE, 5.4) as figure:
         half = len(light) // 2
         axes = figure.subplots(4, half, height_ratios=[1, 0.75, 1, 0.75])
         for number, (name, background) in enumerate(light.items()):

@@ -91,6 +91,6 @@ def _draw(setting: Setting, pictures: Mapping[str, Array], signal: Array) -> Pic
         setting.out / "fig8.png",
         f"a. Photograph y under {BACKGROUND.replace('_', ' ')}; b. its background; c. without it; "
         "d. A P y; e. the same with the pseudoinverse of D A, D as published by [15]. Above: "
-        "linear light, sRGB-encoded, black is 0, white as given, where y has mean 1. Below: what "
-        "is left when range(B) is projected out, mean of the channels, all on one scale.",
+        "linear light, sRGB-encoded, black is 0, white as given, where y has mean 1. Below: with "
+        "range(B) projected out, mean of the channels, all on one scale.",
     )

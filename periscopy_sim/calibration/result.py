@@ -28,7 +28,7 @@ class DeterminedBy(StrEnum):
     PHOTOGRAPH = "by the photograph"
     PHOTOGRAPH_ALONE = "by the photograph if the fixed numbers are right"
     RULER = "by the ruler"
-    NOTHING = "not to be trusted"
+    NOTHING = "not trusted"
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Parameter:
     ruler_error
         Standard deviation of the measured value.
     trusted
-        Whether the calibration is to be believed.
+        Whether the calibration passed its own checks.
     """
 
     name: str

@@ -216,8 +216,8 @@ def fixed_numbers(result: "Calibration", units: Mapping[str, str]) -> Iterator[s
 
 
 def _distrust(result: str, doubts: Sequence[str]) -> str:
-    """Return the remark in a scene whose result is not to be trusted; empty if it is."""
-    return f"{result}: NOT TO BE TRUSTED: {'; '.join(doubts)}" if doubts else ""
+    """Return the remark in a scene whose result is not trusted; empty if it is."""
+    return f"{result}: not trusted: {'; '.join(doubts)}" if doubts else ""
 
 
 def _write_copy(

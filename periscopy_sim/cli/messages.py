@@ -47,7 +47,7 @@ SENTENCES = {
         "uneven paint (--monitor-off)."
     ),
     "default_method": "Try the default method.",
-    "defects": "{name}: left out pixels that do not measure the wall ({defects})",
+    "defects": "{name}: excluded pixels that do not measure the wall ({defects})",
     "trusted": "The calibration is trusted: {after} % unexplained, {before} % before.",
     "kept": "No significant improvement; the measured values are kept.",
     "rival": "The calibration is trusted, but the image may lie elsewhere ({count} other scenes).",

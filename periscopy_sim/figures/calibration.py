@@ -39,10 +39,10 @@ def draw_calibration(
 
     `units` are those of the parameters that have one.
     """
-    doubts = wrapped("\n".join(["NOT TO BE TRUSTED", *calibration.doubts]), COLUMN)
-    doubts = doubts if calibration.doubts else ""
+    doubts = ["DO NOT TRUST THIS CALIBRATION", *(f"• {each}" for each in calibration.doubts)]
+    warning = wrapped("\n".join(doubts), COLUMN) if calibration.doubts else ""
     images = _images(calibration)
-    heights = [1.3 + LINE * len(doubts.split("\n"))]
+    heights = [1.3 + LINE * len(warning.split("\n"))]
     heights += [1.4 * len(images)] if images else []
     heights += [1.3 + 0.2 * len(calibration.parameters)]
     with drawn(path, metadata) as figure:
@@ -51,7 +51,7 @@ def draw_calibration(
             len(heights), 1, height_ratios=heights, squeeze=False
         )[:, 0]
         _draw_residuals(above.subplots(1, 3), photograph, calibration)
-        above.suptitle(doubts, color=WARNING)
+        above.suptitle(warning, color=WARNING)
         probabilities = [rival.probability for rival in calibration.rivals]
         for part in middle:
             axes = part.subplots(len(images), len(calibration.images), squeeze=False)

@@ -187,13 +187,19 @@ def show_rows(figure: Any, rows: Rows) -> None:
     columns = max(map(len, aspects))
     ratios = [max(each[k] for each in aspects if len(each) > k) for k in range(columns)]
     width = COLUMN if columns <= ABREAST else PAGE
-    names = LINE * max(len(name.split("\n")) for name, _ in lines) if len(lines[0][0]) else 0
     gap = 4 * GAP if any(_is_strip(each) for _, panels in lines for _, each in panels) else GAP
-    room = width - names - (columns + 1) * gap
-    unit = min(room / sum(ratios), TALLEST)
-    slots = unit * np.array(ratios)
+    room = width - (columns + 1) * gap
+
+    def fitted(room: float) -> tuple[Array, list[float]]:
+        """Return the panels' widths and the rows' heights that a width has room for."""
+        slots = min(room / sum(ratios), TALLEST) * np.array(ratios)
+        return slots, [min([TALLEST, *(slots[: len(each)] / each)]) for each in aspects]
+
+    labels = [wrapped(name, tall) for (name, _), tall in zip(lines, fitted(room)[1], strict=True)]
+    names = LINE * max(len(label.split("\n")) for label in labels) if labels[0] else 0
+    room -= names
+    slots, heights = fitted(room)
     middles = names + gap + (room - slots.sum()) / 2 + np.cumsum(slots + gap) - gap - slots / 2
-    heights = [min([TALLEST, *(slots[: len(each)] / each)]) for each in aspects]
     titles = [
         balanced([t for t, _ in panels], slots.tolist()[: len(panels)]) for _, panels in lines
     ]
@@ -201,7 +207,7 @@ def show_rows(figure: Any, rows: Rows) -> None:
     height = bottom = sum(heights) + sum(above) + gap
     figure.set_layout_engine("none")
     figure.set_size_inches(width, height)
-    for k, (name, panels) in enumerate(lines):
+    for k, (_, panels) in enumerate(lines):
         bottom -= heights[k] + above[k]
         for middle, aspect, title, panel in zip(
             middles, aspects[k], titles[k], panels, strict=False
@@ -210,7 +216,7 @@ def show_rows(figure: Any, rows: Rows) -> None:
             box = middle / width - across / 2, bottom / height, across, heights[k] / height
             show(figure.add_axes(box), title, panel[1])
         side = {"rotation": 90, "ha": "center", "va": "center", "multialignment": "center"}
-        figure.text(names / 2 / width, (bottom + heights[k] / 2) / height, name, **side)
+        figure.text(names / 2 / width, (bottom + heights[k] / 2) / height, labels[k], **side)
 
 
 def draw_panels(

@@ -1,6 +1,5 @@
 """Sweeps as figures: a metric of each method over one axis, in small multiples over another."""
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -95,21 +94,21 @@ def draw_sweep(
         raise PeriscopyError(f"{len(parts)} panels of {panels} are too many; draw fewer values")
     columns = min(len(parts), 2 if width < 2 * COLUMN else 4)
     columns = 1 if len(parts) == 3 > columns else columns  # two rows would leave a hole
-    if not any(found["mean"].notnull().any() for _, found in parts):
+    if not any(means["mean"].notnull().any() for _, means in parts):
         why = next(filter(None, results["failure"].values.ravel().tolist()), "no value")
         raise PeriscopyError(f"nothing to draw, all failed: {why}")
     held = f"; panels: {panels}" if _is_long(panels) else ""
-    caption = _caption([found for _, found in parts]) + held + _held(results, fixed, [over, panels])
+    caption = _caption([means for _, means in parts]) + held + _held(results, fixed, [over, panels])
     room, methods = 0.7 * width / columns, results.attrs.get("algorithms", [])
     with drawn(path, metadata if path.suffix == ".png" else None, caption) as figure:
         grid = figure.subplots(-(-len(parts) // columns), columns, squeeze=False, sharey=True)
         for ax in grid.flat[len(parts) :]:
             ax.remove()
-        for ax, letter, (title, found) in zip(grid.flat, ascii_lowercase, parts, strict=False):
-            _draw(ax, found, over, methods or found["algorithm"].values.tolist(), room)
+        for ax, letter, (title, means) in zip(grid.flat, ascii_lowercase, parts, strict=False):
+            _draw(ax, means, over, methods or means["algorithm"].values.tolist(), room)
             if len(parts) > 1:
                 ax.set_title(f"{letter}  {title}", loc="left")
-        least = min(float(found["mean"].min()) for _, found in parts)
+        least = min(float(means["mean"].min()) for _, means in parts)
         if metric == "mean_squared_error" and least > 0:
             grid[0, 0].set_yscale("log")
             # Of an interval, which may hold 0.
@@ -147,84 +146,17 @@ def table_of(results: "xr.Dataset", metric: str) -> Any:
 
     surfaces = surfaces_of(results, metric)
     intervals = [interval(results[name], (), results["failure"]) for name in surfaces]
-    found = xr.concat(intervals, "surface")
+    means = xr.concat(intervals, "surface")
     labels = [name[len(metric) + 1 :] for name in surfaces]
-    table = found.assign_coords(surface=labels).to_dataframe().reset_index()
+    table = means.assign_coords(surface=labels).to_dataframe().reset_index()
     table = table[table["mean"].notna() | (table["failed"] > 0)]
-    single = [n for n in map(str, found.dims) if n != "algorithm" and found.sizes[n] == 1]
+    single = [n for n in map(str, means.dims) if n != "algorithm" and means.sizes[n] == 1]
     table = table.drop(columns=single).rename(columns={"half": f"half_{100 * LEVEL:g}"})
     of = results[surfaces[0]].attrs
     notes = {"metric": metric, "unit": of.get("units", "1"), "minus": of.get("minus", "")}
     for place, (name, text) in enumerate(notes.items(), table.columns.get_loc("mean")):
         table.insert(place, name, text)
     return table
-
-
-def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
-    """Return a LaTeX table, a column for each method: means with 95 % confidence intervals.
-
-    The table has a label, and needs the package booktabs.
-    """
-    from periscopy_sim.evaluation.statistics import LEVEL, interval
-
-    surfaces, results = surfaces_of(results, metric), _in_millimetres(results)
-    table, half = table_of(results, metric), f"half_{100 * LEVEL:g}"
-    middle = table[half].median()
-    digits = 3 if np.isnan(middle) else int(np.clip(1 - np.floor(np.log10(middle or 1)), 0, 9))
-
-    def text(row: Any) -> str:
-        within = "" if np.isnan(row[half]) else f" \\pm {row[half]:.{digits}f}"
-        return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}$"
-
-    axes = [*table.columns[: table.columns.get_loc("metric")]]
-    cells = table.assign(text=[text(row) for _, row in table.iterrows()])
-    cells[axes] = cells[axes].map(_escaped)
-    cells = cells.set_index(axes)["text"]
-    cells = cells.unstack("algorithm", sort=False) if len(axes) > 1 else cells.to_frame().T
-    cells = cells.reset_index(drop=len(axes) == 1).rename_axis(columns=None)
-    words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
-    caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces])
-    caption = f"{words_of(results[surfaces[0]], metric)}: {caption}{_held(results, {}, axes)}"
-    sides = ("rl"[name in axes and cells[name].dtype.kind not in "if"] for name in cells)
-    latex = cells.rename(columns={name: _escaped(each) for name, each in words.items()}).to_latex(
-        index=False, na_rep="", float_format="%g", escape=False, position="tb",
-        column_format="".join(sides),
-        caption=_escaped(caption), label=re.sub(r"[^\w:.-]", "-", label),
-    )  # fmt: skip
-    return f"% needs \\usepackage{{booktabs}}\n{latex}"
-
-
-def _escaped(text: Any) -> Any:
-    """Return text whose characters mean themselves to LaTeX; other things as they are."""
-    signs = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    if not isinstance(text, str):
-        return text
-    return re.sub(r"[\\~^%_&#${}]", lambda each: signs.get(each[0], rf"\{each[0]}"), text)
-
-
-def labelled(results: "xr.Dataset", metric: str, labels: Mapping[str, str]) -> "xr.Dataset":
-    """Return results with words of a person's own for axes, methods and the metric.
-
-    A PeriscopyError says that there is nothing of a name.
-    """
-    surfaces, methods = surfaces_of(results, metric), results["algorithm"].values.tolist()
-    every = results.attrs.get("algorithms", methods)  # also what all is compared with
-    axes = [name for name in map(str, results["failure"].dims) if name != "algorithm"]
-    known = [*dict.fromkeys([*axes, metric, *every])]
-    for name, words in labels.items():
-        if name not in known:
-            guess = did_you_mean(name, known) or f"there are {', '.join(known)}"
-            raise PeriscopyError(f"nothing called '{name}' in the sweep; {guess}")
-        for each in surfaces if name == metric else {name} & {*axes}:
-            results[each].attrs["label"] = words
-    for each in surfaces:
-        if (minus := results[each].attrs.get("minus")) in labels:
-            results[each].attrs["minus"] = labels[minus]
-    named = [labels.get(name, name) for name in methods]
-    if len({*named}) < len(named):
-        raise PeriscopyError("two methods have one label; give each its own")
-    results = results.assign_coords(algorithm=named)
-    return results.assign_attrs(algorithms=[labels.get(name, name) for name in every])
 
 
 def _in_millimetres(results: "xr.Dataset") -> "xr.Dataset":
@@ -288,29 +220,29 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     unit = axis.attrs.get("units", "1").replace("1", "")
     is_number = isinstance(value, int | float | np.number)
     text = f"{value:.4g} {unit}".strip() if is_number else str(value)
-    return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
+    return f"{SHORT.get(name, name)} = {text}"
 
 
-def _draw(ax: Any, found: "xr.Dataset", over: str, methods: Sequence[str], room: float) -> None:
+def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room: float) -> None:
     """Draw each method's mean and interval over the values of an axis, where there are some.
 
     A method looks as its place among all of them says. The panel is `room` inches wide.
     """
     all_looks = zip(cycle(OKABE_ITO), cycle(MARKERS), cycle(DASHES), strict=False)
     looks = dict(zip(methods, all_looks, strict=False))
-    found = found.dropna(over, how="all", subset=["mean"])
-    found = found.dropna("algorithm", how="all", subset=["mean"])
-    values = found[over].values
+    means = means.dropna(over, how="all", subset=["mean"])
+    means = means.dropna("algorithm", how="all", subset=["mean"])
+    values = means[over].values
     if not values.size:
         return
-    if "minus" in found["mean"].attrs:
+    if "minus" in means["mean"].attrs:
         ax.axhline(0, color="0.4", linewidth=0.8)
     is_text = values.dtype.kind not in "fiu"
     places = np.arange(len(values)) if is_text else values
-    limits = found["mean"].attrs.get("valid_range") if "minus" not in found["mean"].attrs else None
-    names = found["algorithm"].values.tolist()
+    limits = means["mean"].attrs.get("valid_range") if "minus" not in means["mean"].attrs else None
+    names = means["algorithm"].values.tolist()
     for k, name in enumerate(names):
-        (colour, marker, dashes), of_method = looks[name], found.sel(algorithm=name)
+        (colour, marker, dashes), of_method = looks[name], means.sel(algorithm=name)
         mean, half = (of_method[each].values.reshape(len(values)) for each in ("mean", "half"))
         low, high = (np.clip(each, *limits or (None, None)) for each in (mean - half, mean + half))
         look = {"marker": marker, "ms": 2.8, "color": colour, "label": name}
@@ -342,9 +274,9 @@ def _caption(parts: "Sequence[xr.Dataset]") -> str:
     """Return what lines and bands are, how many samples there are, and how many failed."""
     from periscopy_sim.evaluation.statistics import counted
 
-    names = dict.fromkeys(name for found in parts for name in found["algorithm"].values.tolist())
+    names = dict.fromkeys(name for means in parts for name in means["algorithm"].values.tolist())
     left_out = {
-        name: int(sum(found["failed"].sel(algorithm=name).sum() for found in parts))
+        name: int(sum(means["failed"].sel(algorithm=name).sum() for means in parts))
         for name in names
     }
     failed = "".join(f"; {count} of {name} failed" for name, count in left_out.items() if count)
@@ -356,6 +288,6 @@ def _caption(parts: "Sequence[xr.Dataset]") -> str:
 def words_of(variable: "xr.DataArray", name: str) -> str:
     """Return a metric or an axis in words, with its unit."""
     unit, minus = variable.attrs.get("units", "1"), variable.attrs.get("minus", "")
-    words = variable.attrs.get("label") or NAMES.get(name, name)
+    words = NAMES.get(name, name)
     words += f" minus that of {minus}" if minus else ""
     return f"{words}{f', {unit}' if unit != '1' else ''}"

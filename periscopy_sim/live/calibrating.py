@@ -84,7 +84,7 @@ class CalibrationButton:
             self._offer = {n: float(p["value"]) for n, p in record["parameters"].items()}
             shown = ", ".join(f"{name} {value:.4g}" for name, value in self._offer.items())
             if record["doubts"]:
-                shown += f" (unreliable: {'; '.join(record['doubts'])})"
+                shown += f" (not trusted: {'; '.join(record['doubts'])})"
             self._stream.report(f"calibrated: {shown}")
             label = OFFER
         except (PeriscopyError, OSError) as error:

@@ -97,12 +97,26 @@ def test_links_that_do_not_are_told(faults, body, fault):
 def test_a_plural_of_a_literal_is_read_as_one():
     pytest.importorskip("sphinx")
     mark = extension("docstrings").mark_ends
-    lines = ["Values for the file's ``<default>``s, and `Scenario`s.", "``whole`` and `own`."]
+    lines = ["Values for the file's ``<default>``s, and `Scenario`s.", "``one``, ``next``, `own`."]
     mark(None, "", "", None, None, lines)
     assert lines == [
         "Values for the file's ``<default>``\\ s, and `Scenario`\\ s.",
-        "``whole`` and `own`.",
+        "``one``, ``next``, `own`.",
     ]
+
+
+def test_attributes_that_share_a_line_are_names_with_no_type():
+    pytest.importorskip("sphinx")
+    from docutils import nodes
+
+    docstrings = extension("docstrings")
+    lines = [":ivar start, value: The measured value, and the calibrated one.", ":ivar name: a, b"]
+    docstrings.join_names(None, "", "", None, None, lines)
+    assert len(lines[0].partition(":ivar ")[2].partition(":")[0].split()) == 1
+    assert lines[1] == ":ivar name: a, b"
+    tree = nodes.paragraph("", lines[0])
+    docstrings.split_names(None, tree)
+    assert tree.astext() == ":ivar start, value: The measured value, and the calibrated one."
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
@@ -114,7 +128,7 @@ def test_a_page_is_read_in_five_minutes(page):
 def test_tables_of_text_stack_and_tables_of_numbers_do_not():
     pytest.importorskip("sphinx")
     from docutils.core import publish_doctree
-    from docutils.nodes import table
+    from docutils.nodes import entry, table
 
     text = """
 ==== =====
@@ -122,6 +136,12 @@ file holds
 ==== =====
 a    what the scene does not explain
 ==== =====
+
+==== ==== ====
+name size what
+==== ==== ====
+a         what the scene does not explain
+==== ==== ====
 
 ==== ====
 SBR  PSNR
@@ -131,7 +151,28 @@ SBR  PSNR
 """
     tree = publish_doctree(text)
     extension("phone_tables").mark(None, tree)
-    assert [each["classes"] for each in tree.findall(table)] == [["stacks"], []]
+    assert [each["classes"] for each in tree.findall(table)] == [["stacks"], ["stacks"], []]
+    empty = [cell["classes"] == ["empty"] for cell in tree.findall(entry) if not cell.astext()]
+    assert empty == [True]
+
+
+def test_figures_show_by_their_inches_and_long_names_may_break(tmp_path):
+    pytest.importorskip("sphinx")
+    from types import SimpleNamespace
+
+    from docutils import nodes
+    from PIL import Image
+
+    Image.new("RGB", (700, 10)).save(tmp_path / "column.png", dpi=(200, 200))
+    Image.new("RGB", (700, 10)).save(tmp_path / "screen.png")
+    names = "periscopy reconstruct --method unrolled", "a" * 40
+    page = nodes.section("", *(nodes.image(uri=f"{n}.png") for n in ("column", "screen", "gone")))
+    page += [nodes.literal("", name) for name in names]
+    page += nodes.paragraph("", "0.1 % of 60 dB, 3 samples")
+    extension("phone_widths").mark(SimpleNamespace(srcdir=tmp_path), page)
+    assert [each.get("width") for each in page.findall(nodes.image)] == ["560px", None, None]
+    assert [each["classes"] for each in page.findall(nodes.literal)] == [[], ["long"]]
+    assert page[-1].astext().split(" ") == ["0.1\xa0%", "of", "60\xa0dB,", "3", "samples"]
 
 
 def test_the_sidebar_of_the_api_has_a_caption_for_each_section():

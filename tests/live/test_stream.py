@@ -241,7 +241,7 @@ def test_a_calibration_is_offered_and_taken_at_a_second_press(watched, monkeypat
     watched.press("calibrate")
     watched.until(lambda *_: OFFER in labels)
     assert labels == [BUSY, OFFER]
-    assert any("unreliable: far off" in line for line in watched.said)
+    assert any("not trusted: far off" in line for line in watched.said)
     assert watched.page.choice.values["occluder_dx"] == 0
     assert watched.page.controls["decline"].value() == DECLINE
     watched.press("calibrate")

@@ -126,7 +126,7 @@ def recover_silhouette(
     if not is_significant(2 * (without.objective - end.fit.objective), end.fit.opacities.size):
         raise PhotographError(
             f"the photograph shows no shadow of '{shape}' in its rectangle; its silhouette cannot "
-            "be found"
+            "be estimated"
         )
     report(1.0)
     explained, used, shadow = end.fit.explained, averaged[0].pixels, end.mask.shadows.light

@@ -35,7 +35,7 @@ def write_masked_scene(
 
     The mesh is written in the shape's own coordinates, so that the parameters that move the shape
     move it, and has the shape's id and material. In the scene its file is called `mesh_name`, which
-    it has once both are in their place. If the silhouette is not to be trusted, the scene carries
+    it has once both are in their place. If the silhouette is not trusted, the scene carries
     that, see `SceneCovariance`. For the rest see `with_defaults`.
 
     Raises

@@ -36,7 +36,7 @@ def analyze(
 ) -> None:
     """Report how well a scene determines its hidden image.
 
-    The report has condition numbers, angles, residual background and Cramer-Rao bounds.
+    The report has condition numbers, angles, residual background and Cramér-Rao bounds.
     """
     from periscopy_sim.evaluation import diagnostics
 

@@ -46,7 +46,7 @@ def design(
         int, option("NUMBER", "Values of each parameter, all combined.", kind="grid")
     ] = 11,
     by: Annotated[
-        By, typer.Option(help="Least Cramer-Rao bound, or least error that noise-aware reports.")
+        By, typer.Option(help="Least Cramér-Rao bound, or least error that noise-aware reports.")
     ] = By.bound,
     sbr: Annotated[
         float, option("RATIO", "Signal-to-background ratio; inf: no ambient light.", kind="sbr")

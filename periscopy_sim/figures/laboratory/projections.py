@@ -25,7 +25,7 @@ from periscopy_sim.storage.pictures import read_hidden_image
 if TYPE_CHECKING:
     from periscopy_sim.figures.style import Figure
 
-GAPS = 9.0, 36.0, 72.0
+GAPS = 9.0, 36.0, 72.0, 120.0
 """Pixels between a thing and its label, the nearest first."""
 
 
@@ -89,14 +89,13 @@ class Labels:
 
 def _places(box: Array, size: Array) -> Array:
     """Return boxes, (n, 4), of a label about a thing's box: beside, above, below, then farther."""
-    middle = (box[:2] + box[2:] - size) / 2
+    middle, start, end = (box[:2] + box[2:] - size) / 2, box[0], box[2] - size[0]
     corners = []
     for gap in GAPS:
         (left, below), (right, above) = box[:2] - gap - size, box[2:] + gap
-        corners += [
-            (right, middle[1]), (left, middle[1]), (middle[0], above), (middle[0], below),
-            (right, above), (left, above), (right, below), (left, below),
-        ]  # fmt: skip
+        corners += [(right, middle[1]), (left, middle[1])]
+        corners += [(x, y) for x in (middle[0], start, end) for y in (above, below)]
+        corners += [(x, y) for y in (above, below) for x in (right, left)]
     return np.hstack([corners, corners + size])
 
 
@@ -201,9 +200,9 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
         arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", ends[1], ends[0], arrowprops=arrow, zorder=7, annotation_clip=False)
         labels.avoid_line(ends)
-    labels.add("normal", (middle + size * normal)[None, [h, v]], "0.45")
     labels.avoid_line(seen)
     if shown == layout.others[-1]:
+        labels.add("normal", (middle + size * normal)[None, [h, v]], "0.45")
         _draw_distances(ax, labels, layout, (h, v))
     labels.place()
 
@@ -211,13 +210,13 @@ def draw_projection(ax: Any, layout: RoomPlan, shown: tuple[int, int]) -> None:
 def _draw_distances(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, int]) -> None:
     """Draw how far flat hidden surfaces and occluders are from the wall, each to its middle."""
     surfaces = layout.scenario.hidden.values()
-    ends = [each.centers.mean(axis=0) for each in surfaces if each.curved is None]
-    for end in (*ends, *layout.occluders().values()):
-        distance = layout.distance(end)
-        line = np.stack([end, end - distance * layout.normal])[:, axes]
+    flat = [each.centers.mean(axis=0) for each in surfaces if each.curved is None]
+    ends = {in_words(layout.distance(end)): end for end in (*flat, *layout.occluders().values())}
+    for words, end in ends.items():  # things at one distance have one line
+        line = np.stack([end, end - layout.distance(end) * layout.normal])[:, axes]
         look = {"arrowstyle": "<->", "color": "0.45", "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", *line, arrowprops=look, zorder=6, annotation_clip=False)
-        labels.add(in_words(distance), line.mean(axis=0)[None], "0.25")
+        labels.add(words, line.mean(axis=0)[None], "0.25")
 
 
 def _draw_wall_line(ax: Any, labels: Labels, layout: RoomPlan, axes: tuple[int, int]) -> None:
@@ -271,12 +270,13 @@ SEEN = 0.35, 0.6, 0.8
 """Linear light of the part of the wall that the camera sees, in space: a pale blue."""
 
 LARGER: Any = {
-    "font.size": 10, "axes.titlesize": 10, "axes.labelsize": 10, "figure.labelsize": 10,
-    "xtick.labelsize": 9, "ytick.labelsize": 9, "axes.spines.top": True, "axes.spines.right": True,
+    "font.size": 12, "axes.titlesize": 12, "axes.labelsize": 12, "figure.labelsize": 12,
+    "xtick.labelsize": 12, "ytick.labelsize": 12,
+    "axes.spines.top": True, "axes.spines.right": True,
 }  # fmt: skip
-"""Letters of the drawing, which people look at on a screen, too, and frames about its panels."""
+"""Letters of the drawing, of 6 points on a phone, and frames about its panels."""
 
-CHARACTERS = 92
+CHARACTERS = 76
 """Characters of a line of text."""
 
 TALLEST = 4.0
@@ -302,12 +302,12 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
     layout = RoomPlan(scenario)
     low, high, axes = layout.low, layout.high, [*layout.axes]
     spans = (high - low)[axes]
-    spans = np.maximum(spans, spans.max() / 5)  # labels need room
-    scale = min(0.84 * PAGE / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
+    spans = np.maximum(spans, spans.max() / 2)  # labels need room
+    scale = min(0.86 * PAGE / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
     ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
     ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
     lines = [line for each in (LINES, *facts(layout)) for line in wrap(each, CHARACTERS)]
-    height = scale * (spans[1] + spans[2]) + 1.6 + 0.2 * len(lines)
+    height = scale * (spans[1] + spans[2]) + 1.9 + 0.24 * len(lines)
     with mpl.rc_context(STYLE | LARGER):
         figure: Figure = mpl.figure.Figure(figsize=(PAGE, height), dpi=220)
         figure.set_layout_engine("constrained", h_pad=0.1)
@@ -321,6 +321,11 @@ def laboratory_figure(scenario: Scenario) -> "Figure":
         for (h, v), ax in panels.items():
             ax.set(title=titles[h, v], xlabel=layout.label(h), ylabel=layout.label(v))
             ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
+            ax.locator_params(nbins=5)
+        front.tick_params(labelbottom=False)  # the plan below and the front beside have them
+        side.tick_params(labelleft=False)
+        front.set_xlabel("")
+        side.set_ylabel("")
         _show_in_space(rest, scenario)
         rest.set_anchor("N")
         figure.supxlabel("\n".join(lines), x=0.06, ha="left", linespacing=1.4)

@@ -329,8 +329,8 @@ def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, 
         step /= max(1.0, np.abs(step / widths).max())
     else:
         raise InputError(
-            "the exposures of the views cannot be found: the evidence has no maximum near those of "
-            "each view alone; recover each view alone, and compare their residuals"
+            "the exposures of the views cannot be estimated: the evidence has no maximum near "
+            "those of each view alone; recover each view alone, and compare their residuals"
         )
     variances = np.diag(np.linalg.inv(now.curvature))[: count - 1]
     by_prior = np.minimum(2 * variances * now.of_prior[1:], 1)
@@ -365,7 +365,7 @@ def evidence_of(
         try:
             factor = linalg.cho_factor(parts.sum(axis=0))
         except (linalg.LinAlgError, ValueError) as error:
-            raise InputError(f"the exposures of the views cannot be found: {error}") from None
+            raise InputError(f"the exposures of the views cannot be estimated: {error}") from None
         f = linalg.cho_solve(factor, data.sum(axis=0))
         shown = parts @ f
         shares = np.array([linalg.cho_solve(factor, part) for part in parts])  # H⁻¹ parts

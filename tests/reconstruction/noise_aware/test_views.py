@@ -129,7 +129,7 @@ def test_exposures_are_found_at_any_noise(scene, noise, monkeypatch):
     error = solution.exposure_errors["right"]
     assert abs(solution.exposures["right"] / 0.4 - 1) < 4 * error < 0.1
     monkeypatch.setattr(module, "MOST_STEPS", 1)
-    with pytest.raises(InputError, match="the exposures of the views cannot be found"):
+    with pytest.raises(InputError, match="the exposures of the views cannot be estimated"):
         fitted(A).solve(y)
 
 
