@@ -1,5 +1,6 @@
 """Sweeps as figures: a metric of each method over one axis, in small multiples over another."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -159,6 +160,73 @@ def table_of(results: "xr.Dataset", metric: str) -> Any:
     return table
 
 
+def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
+    """Return a LaTeX table, a column for each method: means with 95 % confidence intervals.
+
+    The table has a label, and needs the package booktabs.
+    """
+    from periscopy_sim.evaluation.statistics import LEVEL, interval
+
+    surfaces, results = surfaces_of(results, metric), _in_millimetres(results)
+    table, half = table_of(results, metric), f"half_{100 * LEVEL:g}"
+    middle = table[half].median()
+    digits = 3 if np.isnan(middle) else int(np.clip(1 - np.floor(np.log10(middle or 1)), 0, 9))
+
+    def text(row: Any) -> str:
+        within = "" if np.isnan(row[half]) else f" \\pm {row[half]:.{digits}f}"
+        return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}$"
+
+    axes = [*table.columns[: table.columns.get_loc("metric")]]
+    cells = table.assign(text=[text(row) for _, row in table.iterrows()])
+    cells[axes] = cells[axes].map(_escaped)
+    cells = cells.set_index(axes)["text"]
+    cells = cells.unstack("algorithm", sort=False) if len(axes) > 1 else cells.to_frame().T
+    cells = cells.reset_index(drop=len(axes) == 1).rename_axis(columns=None)
+    words = {a: words_of(results[a], a) for a in axes if a in results.coords and a != "algorithm"}
+    caption = _caption([interval(results[n], (), results["failure"]) for n in surfaces])
+    caption = f"{words_of(results[surfaces[0]], metric)}: {caption}{_held(results, {}, axes)}"
+    sides = ("rl"[name in axes and cells[name].dtype.kind not in "if"] for name in cells)
+    latex = cells.rename(columns={name: _escaped(each) for name, each in words.items()}).to_latex(
+        index=False, na_rep="", float_format="%g", escape=False, position="tb",
+        column_format="".join(sides),
+        caption=_escaped(caption), label=re.sub(r"[^\w:.-]", "-", label),
+    )  # fmt: skip
+    return f"% needs \\usepackage{{booktabs}}\n{latex}"
+
+
+def _escaped(text: Any) -> Any:
+    """Return text whose characters mean themselves to LaTeX; other things as they are."""
+    signs = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    if not isinstance(text, str):
+        return text
+    return re.sub(r"[\\~^%_&#${}]", lambda each: signs.get(each[0], rf"\{each[0]}"), text)
+
+
+def labelled(results: "xr.Dataset", metric: str, labels: Mapping[str, str]) -> "xr.Dataset":
+    """Return results with words of a person's own for axes, methods and the metric.
+
+    A PeriscopyError says that there is nothing of a name.
+    """
+    surfaces, methods = surfaces_of(results, metric), results["algorithm"].values.tolist()
+    every = results.attrs.get("algorithms", methods)  # also what all is compared with
+    axes = [name for name in map(str, results["failure"].dims) if name != "algorithm"]
+    known = [*dict.fromkeys([*axes, metric, *every])]
+    for name, words in labels.items():
+        if name not in known:
+            guess = did_you_mean(name, known) or f"there are {', '.join(known)}"
+            raise PeriscopyError(f"nothing called '{name}' in the sweep; {guess}")
+        for each in surfaces if name == metric else {name} & {*axes}:
+            results[each].attrs["label"] = words
+    for each in surfaces:
+        if (minus := results[each].attrs.get("minus")) in labels:
+            results[each].attrs["minus"] = labels[minus]
+    named = [labels.get(name, name) for name in methods]
+    if len({*named}) < len(named):
+        raise PeriscopyError("two methods have one label; give each its own")
+    results = results.assign_coords(algorithm=named)
+    return results.assign_attrs(algorithms=[labels.get(name, name) for name in every])
+
+
 def _in_millimetres(results: "xr.Dataset") -> "xr.Dataset":
     """Return results whose axes of short lengths are in millimetres."""
     for axis in map(str, results["failure"].dims):
@@ -220,7 +288,7 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     unit = axis.attrs.get("units", "1").replace("1", "")
     is_number = isinstance(value, int | float | np.number)
     text = f"{value:.4g} {unit}".strip() if is_number else str(value)
-    return f"{SHORT.get(name, name)} = {text}"
+    return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
 
 
 def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room: float) -> None:
@@ -288,6 +356,6 @@ def _caption(parts: "Sequence[xr.Dataset]") -> str:
 def words_of(variable: "xr.DataArray", name: str) -> str:
     """Return a metric or an axis in words, with its unit."""
     unit, minus = variable.attrs.get("units", "1"), variable.attrs.get("minus", "")
-    words = NAMES.get(name, name)
+    words = variable.attrs.get("label") or NAMES.get(name, name)
     words += f" minus that of {minus}" if minus else ""
     return f"{words}{f', {unit}' if unit != '1' else ''}"

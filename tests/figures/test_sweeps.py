@@ -7,7 +7,7 @@ from scipy import stats
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.figures.style import OKABE_ITO
-from periscopy_sim.figures.sweeps import draw_sweep
+from periscopy_sim.figures.sweeps import draw_sweep, labelled, latex_of
 from tests.scenes.pictures import covers, read
 
 xr = pytest.importorskip("xarray")
@@ -81,3 +81,17 @@ def test_captions_name_what_is_held_and_which_method_failed(tmp_path):
     given = results().isel(hidden=[0]).assign_attrs(held=["hidden"])
     caption = draw_sweep(tmp_path / "a.png", given, metric="mean_squared_error")
     assert f"hidden = {SIZES[0]}" in caption and "10 of second failed" in caption
+    assert f"hidden = {SIZES[0]}" in latex_of(given, "mean_squared_error", "tab:a")
+
+
+def test_labels_take_the_place_of_names(tmp_path, saved):
+    labels = {"second": "ours", "sbr": "light", "mean_squared_error": "error_1"}
+    named = labelled(results(), "mean_squared_error", labels)
+    draw_sweep(tmp_path / "a.png", named, metric="mean_squared_error", over="sbr")
+    assert saved[0].axes[-1].get_xlabel() == "light"
+    assert "ours" in [text.get_text() for text in saved[0].legends[0].get_texts()]
+    latex = latex_of(named, "mean_squared_error", "tab:fig_1")
+    assert r"\label{tab:fig_1}" in latex and r"error\_1" in latex and " ours " in latex
+    for wrong in ({"sbrr": "light"}, {"second": "ours", r"$\\frac$": "ours"}):
+        with pytest.raises(PeriscopyError, match=r"sbr|two methods"):
+            labelled(results(), "mean_squared_error", wrong)

@@ -10,13 +10,13 @@ from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures.style import COLUMN, PAGE
-from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of, table_of
+from periscopy_sim.figures.sweeps import draw_sweep, labelled, latex_of, surfaces_of, table_of
 from periscopy_sim.numerics.limits import number_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FIGURES, TABLE = (".png", ".pdf", ".svg"), ".csv"
+PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 
 def plot(
@@ -24,7 +24,7 @@ def plot(
         Path, argument("SWEEP", "What 'periscopy sweep' wrote.", parser=options.place_of)
     ],
     out: Annotated[
-        Path, option("FILE", "PNG, PDF or SVG for a figure, CSV for a table.", group=OUTPUT)
+        Path, option("FILE", "PNG, PDF or SVG for a figure, TEX or CSV for a table.", group=OUTPUT)
     ],
     metric: Annotated[
         str,
@@ -43,6 +43,10 @@ def plot(
     at: Annotated[
         list[str] | None, option("NAME=VALUES", "Values of an axis to keep, by comma; repeatable.")
     ] = None,
+    label: Annotated[
+        list[str] | None,
+        option("NAME=WORDS", "What to call an axis, a metric or a method; repeatable."),
+    ] = None,
     reference: Annotated[
         str,
         option(
@@ -55,10 +59,12 @@ def plot(
 ) -> None:
     """Draw a sweep over any axis, or write its table."""
     require_all()
-    if out.suffix == TABLE and (over or panels):
+    if out.suffix in TABLES and (over or panels):
         raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
-    if out.suffix not in (*FIGURES, TABLE):
-        raise OutputError(f"--out {out}: name a file that ends in {', '.join((*FIGURES, TABLE))}")
+    if out.suffix not in (*PICTURES, *TABLES):
+        raise OutputError(
+            f"--out {out}: name a file that ends in {', '.join((*PICTURES, *TABLES))}"
+        )
     held = options.parse_definitions(at, "--at")
     texts = {axis: options.parse_list("--at", values) for axis, values in held.items()}
     axis, equals, value = reference.rpartition("=")
@@ -70,9 +76,12 @@ def plot(
         from periscopy_sim.evaluation.statistics import differences
 
         results = differences(results, surfaces_of(results, metric), value, axis)
+    results = labelled(results, metric, options.parse_definitions(label, "--label"))
     with output_files(out) as (file,):
-        if out.suffix == TABLE:
+        if out.suffix == ".csv":
             table_of(results, metric).to_csv(file, index=False, lineterminator="\n")
+        elif out.suffix == ".tex":
+            file.write_text(latex_of(results, metric, f"tab:{out.stem}"), "utf-8")
         else:
             say(draw_sweep(file, results, metric=metric, over=over, panels=panels, width=width))
 
