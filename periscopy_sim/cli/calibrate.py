@@ -160,10 +160,10 @@ def find_parameters(
         session.doubt(*result.doubts, *reasons, advice="look_at_numbers")
         session.write(json, result.record() | colours)
         draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
-    beside = asides[: len(result.rivals)]
-    with output.output_files(*beside) as staged:
-        for rival, aside, file in zip(result.rivals, beside, staged, strict=True):
-            _write_copy(session, file, _written(result, rival.values), aside, remark)
+        beside = asides[: len(result.rivals)]
+        with output.output_files(*beside) as staged:  # last: all files are whole by then
+            for rival, aside, file in zip(result.rivals, beside, staged, strict=True):
+                _write_copy(session, file, _written(result, rival.values), aside, remark)
     for stale in asides[len(beside) :]:
         stale.unlink(missing_ok=True)
     show_calibration(result, document.units)
