@@ -119,6 +119,8 @@ class Light(MonitorLight):
         for source in self.sources:
             if source != GRID and not source.lower().endswith(".npy"):
                 raise PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
+            if source != GRID and not Path(source).is_file():
+                raise PeriscopyError(f"--light-model {source}: no such file")
 
     @property
     def sources(self) -> list[str]:

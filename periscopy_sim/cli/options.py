@@ -17,6 +17,7 @@ from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
+from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.outputs.places import place
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -87,6 +88,31 @@ def argument(form: str, words: str, **more: Any) -> Any:
     return typer.Argument(metavar=form, help=words, **more)
 
 
+def check_files(value: Any) -> Any:
+    """Return the entries ``[CAMERA=]FILE`` of an option; an error if a file does not exist.
+
+    Options call it before a command loads a scene.
+    """
+    for entry in value or ():
+        _, equals, name = str(entry).partition("=")
+        if not (entry.exists() or (equals and Path(name).exists())):
+            raise typer.BadParameter(f"path '{name or entry}' does not exist.")
+    return value
+
+
+def check_images(value: Any) -> Any:
+    """Return the entries ``[ID=]IMAGE,...`` of an option; an error if an image does not exist.
+
+    Folders of images are let through. Options call it before a command loads a scene.
+    """
+    for entry in [value] if isinstance(value, str) else value or ():
+        for each in [entry] if Path(entry).exists() else entry.split(","):
+            name = each if Path(each).exists() else each.split("=", 1)[-1]
+            if not Path(name).is_dir():
+                find_image(name.strip())
+    return value
+
+
 class OptionGroup:
     """Options that commands share: the parameters of a class's constructor.
 
@@ -147,8 +173,12 @@ Define = Annotated[
 Cameras = Annotated[list[str] | None, option("ID", _CAMERA, "--camera", group=SCENE)]
 PhotoArguments = Annotated[list[Path], argument("PHOTO", f"{_PHOTO} {_EACH}", exists=True)]
 FilesOfViews = list[Path] | None
-MaskOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH)]
-MonitorOffOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH)]
+MaskOption = Annotated[
+    FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH, callback=check_files)
+]
+MonitorOffOption = Annotated[
+    FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH, callback=check_files)
+]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
 ModelOption = Annotated[Model | None, option("rendered|analytic", _MODEL, group=LIGHT)]
@@ -158,7 +188,10 @@ MatrixOption = Annotated[
     Path | None, option("FILE", f"{_MATRIX}.", "--transport", group=LIGHT, exists=True)
 ]
 MatricesOption = Annotated[
-    FilesOfViews, option("[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT)
+    FilesOfViews,
+    option(
+        "[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT, callback=check_files
+    ),
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
@@ -313,8 +346,6 @@ def files_of_view(
         if camera not in files:
             form = " ".join(f"{flag} {each}=FILE" for each in cameras)
             raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
-        if not Path(name).exists():
-            raise PeriscopyError(f"{flag} {name}: no such file")
         files[camera].append(Path(name))
     return files
 

@@ -48,7 +48,10 @@ def reconstruct(
     out: options.Out,
     method: options.MethodOption = DEFAULT,
     numbers: options.StillNumbers,
-    truth: Annotated[list[str] | None, options.option("[ID=]IMAGE", _TRUTH, group=OUTPUT)] = None,
+    truth: Annotated[
+        list[str] | None,
+        options.option("[ID=]IMAGE", _TRUTH, group=OUTPUT, callback=options.check_images),
+    ] = None,
     uncertain: Annotated[
         str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
     ] = None,

@@ -31,7 +31,7 @@ _FRAMES = "Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ 
 
 def video(
     *,
-    frames: Annotated[Path, argument("FRAMES", _FRAMES)],
+    frames: Annotated[Path, argument("FRAMES", _FRAMES, exists=True)],
     session: PhotoSession,
     light: Light,
     matrix: options.MatrixOption = None,
@@ -44,6 +44,7 @@ def video(
         option(
             "[ID=]IMAGES",
             "The hidden images: a folder, an NPY stack, or one image; of several surfaces of each.",
+            callback=options.check_images,
         ),
     ] = None,
     rate: Annotated[

@@ -16,7 +16,7 @@ Example = Annotated[bool, example_of("periscopy_sim.laboratory.document", "comme
 
 def lab(
     measurements: Annotated[
-        Path, argument("MEASUREMENTS.yaml", "The measurements; see --example.")
+        Path, argument("MEASUREMENTS.yaml", "The measurements; see --example.", exists=True)
     ],
     out: Annotated[
         Path,

@@ -30,19 +30,24 @@ Black = Annotated[
 _DARK = "Photograph with the lens covered, subtracted; repeatable."
 Dark = Annotated[Files, option("FILE", _DARK, group=PHOTOGRAPH, exists=True)]
 _POINTS = "Points of the wall to rectify by: column,row,x,y,z."
-Points = Annotated[Path | None, option("FILE.csv", _POINTS, group=PHOTOGRAPH)]
+Points = Annotated[Path | None, option("FILE.csv", _POINTS, group=PHOTOGRAPH, exists=True)]
 _TAGS = "AprilTag or ArUco markers to rectify by: id,x,y,z,size."
-Tags = Annotated[Path | None, option("FILE.csv", _TAGS, group=PHOTOGRAPH)]
+Tags = Annotated[Path | None, option("FILE.csv", _TAGS, group=PHOTOGRAPH, exists=True)]
 
 
 def prepare(
-    photos: Annotated[list[Path], argument("PHOTO", "Photographs of one exposure, averaged.")],
+    photos: Annotated[
+        list[Path], argument("PHOTO", "Photographs of one exposure, averaged.", exists=True)
+    ],
     scene: options.SceneOption,
     out: options.OutFile,
     black: Black = 0.0,
     dark: Dark = None,
     flat: Annotated[
-        Files, option("FILE", "Photograph of an evenly lit white surface, divided by; repeatable.")
+        Files,
+        option(
+            "FILE", "Photograph of an evenly lit white surface, divided by; repeatable.", exists=True
+        ),
     ] = None,
     white: Annotated[
         float | None, option("VALUE", "Saturation value. [default: from the file]", kind="level")
@@ -50,7 +55,8 @@ def prepare(
     points: Points = None,
     tags: Tags = None,
     mask: Annotated[
-        Path | None, option("FILE", "Picture of the photograph's or film's size, black off wall.")
+        Path | None,
+        option("FILE", "Picture of the photograph's or film's size, black off wall.", exists=True),
     ] = None,
     bin_by: Annotated[
         int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", kind="side")

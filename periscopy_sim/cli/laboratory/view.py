@@ -43,10 +43,14 @@ def view(
     scene: options.SceneArgument,
     hidden: options.Hidden = ["29x36"],  # noqa: B006  nothing changes it
     photo: Annotated[
-        Path | None, argument("PHOTO", "A photograph. Without one: synthetic photographs.")
+        Path | None,
+        argument("PHOTO", "A photograph. Without one: synthetic photographs.", exists=True),
     ] = None,
     out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
-    image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,
+    image: Annotated[
+        str | None,
+        option("IMAGE", "First hidden image: a file or a name.", callback=options.check_images),
+    ] = None,
     ambient: Annotated[
         str | None, option("PLACE", "Ambient light: a shipped place or a Mitsuba XML file.")
     ] = None,
@@ -66,6 +70,7 @@ def view(
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
         raise PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
+    place = find_condition(ambient) if ambient else None
     session = WallSession(scene, hidden, define, mask=mask)
     image = image or ("mushroom" if photo is None else "")
     with progress("loading the scene"):
@@ -78,9 +83,8 @@ def view(
         session.check_lights()
         wall = None if photo is None else session.wall(photo)
         light = None
-        if ambient:
-            place = str(find_condition(ambient))  # its error is smooth: methods project it out
-            quick = ps.render_background(place, session.scenario, target=0.05)
+        if place is not None:  # its error is smooth: methods project it out
+            quick = ps.render_background(str(place), session.scenario, target=0.05)
             light = quick.photograph
         shipped = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
         images = shipped if photo is None else []

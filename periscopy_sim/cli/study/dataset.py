@@ -47,7 +47,7 @@ app = typer.Typer(
 @app.command("make", cls=Command)
 @with_options_of_groups
 def make(
-    configuration: Annotated[Path, argument("CONFIG.yaml", "The configuration; see --example.")],
+    configuration: Annotated[Path, argument("CONFIG.yaml", "The configuration; see --example.", exists=True)],
     out: options.Store,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")

@@ -57,17 +57,25 @@ def sweep(
     ] = None,
     photograph: Annotated[
         Path | None,
-        option("FILE", "A photograph without ambient light; needs --truth.", group=PHOTOGRAPH),
+        option(
+            "FILE", "A photograph without ambient light; needs --truth.",
+            group=PHOTOGRAPH, exists=True,
+        ),  # fmt: skip
     ] = None,
     truth: Annotated[
         list[str] | None,
-        option("[ID=]IMAGE", "The hidden image of --photograph; of several surfaces of each."),
+        option(
+            "[ID=]IMAGE",
+            "The hidden image of --photograph; of several surfaces of each.",
+            callback=options.check_images,
+        ),
     ] = None,
     hidden_image: Annotated[
         list[str] | None,
         option(
             "[ID=]IMAGE,...",
             "Hidden images whose photographs are path traced, by comma; or a folder.",
+            callback=options.check_images,
         ),
     ] = None,
     sbr: Annotated[
