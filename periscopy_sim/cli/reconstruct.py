@@ -16,12 +16,15 @@ from periscopy_sim.cli.options import OUTPUT
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
+from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.figures.space import draw_space
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.reconstruction import registry
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.variant import is_vectorized
+from periscopy_sim.storage.formats.table import libraries_of
 from periscopy_sim.storage.glb import write_glb
 
 _UNCERTAIN = (
@@ -62,6 +65,7 @@ def reconstruct(
     """
     from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
 
+    require_all(*registry.libraries_of(method), *libraries_of(photo))
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
     text = "" if uncertain in (None, "none") else str(uncertain)

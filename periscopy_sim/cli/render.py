@@ -28,11 +28,12 @@ def photograph(
     *,
     session: Annotated[Session, {"hidden": ["29x36"]}],
     image: Annotated[
-        str | None, argument(
+        str | None,
+        argument(
             "IMAGE",
             "The hidden image: a file, or a shipped one.",
             callback=options.check_images,
-        )
+        ),
     ] = None,
     images: Annotated[
         list[str] | None,

@@ -247,9 +247,7 @@ def draw_bounds(
     All are (R, C), by the surfaces' ids, white being 1. What no logarithmic scale shows, as a bound
     of 0, is hatched, and the caption says so.
     """
-    maps = {
-        name: [100 * positive(each) for each in (alone[name], both[name])] for name in alone
-    }
+    maps = {name: [100 * positive(each) for each in (alone[name], both[name])] for name in alone}
     values = np.concatenate([np.ravel(each) for pair in maps.values() for each in pair])
     norm = log_norm(values)
     if np.isnan(values).any():

@@ -116,10 +116,30 @@ def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused
 
 
 @pytest.mark.parametrize(
+    ("lacking", "extras", "options"),
+    [
+        ("websockets av", "live,video", "watch wall.mkv --scene plate --hidden 3x4"),
+        ("cv2 rawpy", "raw,tags", "prepare wall.dng --scene plate --tags t.csv --out p.exr"),
+        ("xarray zarr torch", "sweep,torch", "sweep plate --hidden 29x36 --hidden-image bars "
+         "--methods unrolled --out s"),
+        ("torch rawpy", "torch,raw", "reconstruct wall.dng --scene plate --hidden 29x36 "
+         "--method unrolled --out o"),
+    ],
+)  # fmt: skip
+def test_all_missing_extras_are_named_at_once(lacking, extras, options, monkeypatch, refused):
+    for name in ("wall.dng", "wall.mkv", "t.csv"):
+        Path(name).touch()
+    for library in lacking.split():
+        monkeypatch.setitem(sys.modules, library, None)
+    line = refused(*options.split())
+    assert f"'.[{extras}]'" in line and all(library in line for library in lacking.split())
+
+
+@pytest.mark.parametrize(
     "options",
     [
-        *(f"reconstruct y.npy --scene plate {each}" for each in
-          ("--mask", "--monitor-off", "--transport", "--colour-matrix", "--truth", "--light-model")),
+        *(f"reconstruct y.npy --scene plate --{each}" for each in
+          ("mask", "monitor-off", "transport", "colour-matrix", "truth", "light-model")),
         *(f"calibrate y.npy --scene plate --out c.xml {each}" for each in ("--mask", "--shown")),
         *(f"prepare y.npy --scene plate --out p.exr {each}" for each in
           ("--dark", "--flat", "--mask", "--points", "--tags")),

@@ -14,10 +14,12 @@ from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, show_table, warn
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.extras import require_all
 from periscopy_sim.figures.panels import exposed, write_enlarged
 from periscopy_sim.photographs.develop import SensorImage, average, develop
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.formats.table import libraries_of
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 from periscopy_sim.storage.pictures import write_png
@@ -46,7 +48,9 @@ def prepare(
     flat: Annotated[
         Files,
         option(
-            "FILE", "Photograph of an evenly lit white surface, divided by; repeatable.", exists=True
+            "FILE",
+            "Photograph of an evenly lit white surface, divided by; repeatable.",
+            exists=True,
         ),
     ] = None,
     white: Annotated[
@@ -69,6 +73,8 @@ def prepare(
     outside of the photograph; and NAME_preview.png, hatched outside of the mask.
     """
     options.require_suffix(out, ".exr", "the photograph")
+    raw = libraries_of([*photos, *(dark or ()), *(flat or ())])
+    require_all(*raw, *(["cv2"] if tags else []))
     session = Session(scene, [], define)
     marks = marks_of(points, tags)
     outputs = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))

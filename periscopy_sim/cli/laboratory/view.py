@@ -19,8 +19,8 @@ from periscopy_sim.cli.output import outcome, output_folder, progress, say, warn
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.extras import require
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
+from periscopy_sim.extras import require_all
+from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods, libraries_of
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import write_exr
@@ -65,7 +65,8 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
-    require("websockets")
+    require_all("websockets", *libraries_of(method))
+    check_port(host, port)
     if ambient and photo is not None:
         raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
@@ -95,6 +96,13 @@ def view(
         )  # fmt: skip
 
     serve(live, session.path.name)
+
+
+def check_port(host: str, port: int) -> None:
+    """Reject a port in use, before anything is loaded or made."""
+    from periscopy_sim.live.gate import listen
+
+    listen(host, port).close()
 
 
 def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:

@@ -11,17 +11,17 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, exposures, marks_of
-from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
+from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, check_port, serve, write_view
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
 from periscopy_sim.cli.output import for_threads, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.extras import require
+from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
+from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods, libraries_of
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
 from periscopy_sim.storage.outputs.staging import unwritable_reported
@@ -62,7 +62,9 @@ def watch(
     In the browser, on the page of view: move the laboratory while the picture sharpens. Frames
     that come too late are dropped and counted. The command ends with the source, or by Ctrl-C.
     """
-    require("websockets")
+    video = [] if Path(source).is_dir() else ["av"]
+    require_all("websockets", *video, *libraries_of(method), *(["cv2"] if tags else []))
+    check_port(host, port)
     marks = marks_of(points, tags)
     with progress("loading the scene"):
         from periscopy_sim.live.frames import open_source

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.cli.options import RANGES, in_range, parse_definitions, parse_list
-from periscopy_sim.errors import PeriscopyError, did_you_mean, path_fault
+from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.numerics.limits import number_of
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
@@ -63,9 +63,6 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
         path = Path(entry)
         files = sorted(path.glob("*.exr")) if path.is_dir() else [path]
         added: dict[str, Path | None] = {file.stem: file for file in files if file.suffix == ".exr"}
-        for file in files if added and not path_fault(entry) else ():
-            if not file.is_file():
-                raise PeriscopyError(f"--ambient {file}: no such file")
         added = dict.fromkeys(groups[entry]) if entry in groups else added
         if not added or added.keys() & lights.keys():
             guess = "" if entry in groups else did_you_mean(entry, groups)

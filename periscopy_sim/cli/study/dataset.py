@@ -14,7 +14,7 @@ from periscopy_sim.cli.options import argument, example_of, option
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
 Archive = Annotated[
@@ -47,7 +47,9 @@ app = typer.Typer(
 @app.command("make", cls=Command)
 @with_options_of_groups
 def make(
-    configuration: Annotated[Path, argument("CONFIG.yaml", "The configuration; see --example.", exists=True)],
+    configuration: Annotated[
+        Path, argument("CONFIG.yaml", "The configuration; see --example.", exists=True)
+    ],
     out: options.Store,
     count: Annotated[
         int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")
@@ -56,7 +58,7 @@ def make(
     example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make or continue a data set ('make' is optional)."""
-    require_all()
+    require_all(*SWEEP)
     settings = ps.load_configuration(configuration)
     start = time.perf_counter()
     with progress("making samples", "samples") as report:

@@ -8,7 +8,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.style import COLUMN, PAGE
 from periscopy_sim.figures.sweeps import draw_sweep, labelled, latex_of, surfaces_of, table_of
 from periscopy_sim.numerics.limits import number_of
@@ -58,7 +58,7 @@ def plot(
     ] = COLUMN,
 ) -> None:
     """Draw a sweep over any axis, or write its table."""
-    require_all()
+    require_all(*SWEEP)
     if out.suffix in TABLES and (over or panels):
         raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
     if out.suffix not in (*PICTURES, *TABLES):

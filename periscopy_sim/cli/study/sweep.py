@@ -18,11 +18,12 @@ from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.cli.study.worlds import KNOWN, Worlds
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.workers import check_scheduler
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
 from periscopy_sim.measurement import noise_to_signal
-from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.reconstruction.registry import METHODS, libraries_of
 from periscopy_sim.shipped import find_image, find_scene
+from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.places import mirrored
 from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256, sha256_of
 from periscopy_sim.storage.outputs.resume import resumed_folder
@@ -58,8 +59,10 @@ def sweep(
     photograph: Annotated[
         Path | None,
         option(
-            "FILE", "A photograph without ambient light; needs --truth.",
-            group=PHOTOGRAPH, exists=True,
+            "FILE",
+            "A photograph without ambient light; needs --truth.",
+            group=PHOTOGRAPH,
+            exists=True,
         ),  # fmt: skip
     ] = None,
     truth: Annotated[
@@ -105,7 +108,8 @@ def sweep(
     from periscopy_sim.evaluation.world import flipped_names
 
     # Reject wrong values here, before hours of rendering.
-    require_all()
+    lights, names = parse_ambient(ambient), options.parse_list("--methods", methods)
+    require_all(*SWEEP, *libraries_of(*names))
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
@@ -119,9 +123,10 @@ def sweep(
     decibels = check_numbers("decibels", of["snr"], axes.pop("snr", [snr]))
     if "hidden" in axes:
         session = replace(session, hidden=[str(axes["hidden"][0])])
-    lights, names = parse_ambient(ambient), options.parse_list("--methods", methods)
     light.check_methods(*names)
     check_scheduler(scheduler)
+    for file in filter(None, lights.values()):
+        format_of(file)
     for name in names:
         find_method(name)
     shown = _shown(session, truth or hidden_image or [], "--truth" if truth else "--hidden-image")
