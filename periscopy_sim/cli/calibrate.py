@@ -54,10 +54,7 @@ class CalibrationSession(PhotoSession):
             exists=True,
         ),
     ]
-    shown: Annotated[
-        list[str] | None,
-        option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH, callback=arguments.check_images),
-    ] = None
+    shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
     @property
     def inputs(self) -> list[Path | None]:

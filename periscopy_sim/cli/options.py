@@ -3,7 +3,7 @@
 import inspect
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
@@ -57,6 +57,32 @@ def in_range(kind: str, *values: float) -> bool:
     return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
 
 
+def _existing_files(value: list[Path] | None) -> list[Path] | None:
+    """Return the entries ``[CAMERA=]FILE`` of an option; an error if a file does not exist."""
+    for entry in value or ():
+        _, equals, name = str(entry).partition("=")
+        if not (entry.exists() or (equals and Path(name).exists())):
+            raise typer.BadParameter(f"path '{name or entry}' does not exist.")
+    return value
+
+
+def _existing_images(value: Any) -> Any:
+    """Return the entries ``[ID=]IMAGE,...``, some of them folders; an error if one is missing."""
+    for entry in [value] if isinstance(value, str) else value or ():
+        for each in [entry] if Path(entry).exists() else entry.split(","):
+            name = each if Path(each).exists() else each.split("=", 1)[-1]
+            if not Path(name).is_dir():
+                find_image(name.strip())
+    return value
+
+
+def _callback_of(form: str) -> Callable[[Any], Any] | None:
+    """Return what looks for the files of an option of this form, before a scene is loaded."""
+    if "IMAGE" in form:
+        return _existing_images
+    return _existing_files if "CAMERA=" in form else None
+
+
 def option(
     form: str,
     words: str,
@@ -71,6 +97,7 @@ def option(
     `limits` are of its number, or of its kind in `RANGES`.
     """
     words = words.replace("[", r"\[")  # rich takes a bracket for the start of a style
+    more.setdefault("callback", _callback_of(form))
     if limits := RANGES[kind] if kind else limits:
         least, most = limits
 
@@ -85,32 +112,7 @@ def option(
 
 def argument(form: str, words: str, **more: Any) -> Any:
     """Return an argument: the form of its value, its help in words, the rest as typer takes it."""
-    return typer.Argument(metavar=form, help=words, **more)
-
-
-def check_files(value: Any) -> Any:
-    """Return the entries ``[CAMERA=]FILE`` of an option; an error if a file does not exist.
-
-    Options call it before a command loads a scene.
-    """
-    for entry in value or ():
-        _, equals, name = str(entry).partition("=")
-        if not (entry.exists() or (equals and Path(name).exists())):
-            raise typer.BadParameter(f"path '{name or entry}' does not exist.")
-    return value
-
-
-def check_images(value: Any) -> Any:
-    """Return the entries ``[ID=]IMAGE,...`` of an option; an error if an image does not exist.
-
-    Folders of images are let through. Options call it before a command loads a scene.
-    """
-    for entry in [value] if isinstance(value, str) else value or ():
-        for each in [entry] if Path(entry).exists() else entry.split(","):
-            name = each if Path(each).exists() else each.split("=", 1)[-1]
-            if not Path(name).is_dir():
-                find_image(name.strip())
-    return value
+    return typer.Argument(metavar=form, help=words, callback=_callback_of(form), **more)
 
 
 class OptionGroup:
@@ -173,12 +175,8 @@ Define = Annotated[
 Cameras = Annotated[list[str] | None, option("ID", _CAMERA, "--camera", group=SCENE)]
 PhotoArguments = Annotated[list[Path], argument("PHOTO", f"{_PHOTO} {_EACH}", exists=True)]
 FilesOfViews = list[Path] | None
-MaskOption = Annotated[
-    FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH, callback=check_files)
-]
-MonitorOffOption = Annotated[
-    FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH, callback=check_files)
-]
+MaskOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOGRAPH)]
+MonitorOffOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH)]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
 ModelOption = Annotated[Model | None, option("rendered|analytic", _MODEL, group=LIGHT)]
@@ -188,10 +186,7 @@ MatrixOption = Annotated[
     Path | None, option("FILE", f"{_MATRIX}.", "--transport", group=LIGHT, exists=True)
 ]
 MatricesOption = Annotated[
-    FilesOfViews,
-    option(
-        "[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT, callback=check_files
-    ),
+    FilesOfViews, option("[CAMERA=]FILE", f"{_MATRIX}; {_VIEWS}", "--transport", group=LIGHT)
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]

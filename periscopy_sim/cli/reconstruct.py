@@ -51,10 +51,7 @@ def reconstruct(
     out: options.Out,
     method: options.MethodOption = DEFAULT,
     numbers: options.StillNumbers,
-    truth: Annotated[
-        list[str] | None,
-        options.option("[ID=]IMAGE", _TRUTH, group=OUTPUT, callback=options.check_images),
-    ] = None,
+    truth: Annotated[list[str] | None, options.option("[ID=]IMAGE", _TRUTH, group=OUTPUT)] = None,
     uncertain: Annotated[
         str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
     ] = None,

@@ -12,6 +12,7 @@ from periscopy_sim.cli.options import LIGHT, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs, find_condition
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
@@ -28,21 +29,10 @@ def photograph(
     *,
     session: Annotated[Session, {"hidden": ["29x36"]}],
     image: Annotated[
-        str | None,
-        argument(
-            "IMAGE",
-            "The hidden image: a file, or a shipped one.",
-            callback=options.check_images,
-        ),
+        str | None, argument("IMAGE", "The hidden image: a file, or a shipped one.")
     ] = None,
     images: Annotated[
-        list[str] | None,
-        option(
-            "ID=IMAGE",
-            "Image of a hidden surface; repeatable.",
-            "--image",
-            callback=options.check_images,
-        ),
+        list[str] | None, option("ID=IMAGE", "Image of a hidden surface; repeatable.", "--image")
     ] = None,
     out: options.OutFile,
     samples: Annotated[
@@ -64,7 +54,7 @@ def photograph(
     if (ambient is None) != (sbr is None):
         raise PeriscopyError("--ambient and --sbr go together; give both or neither")
     if ambient is not None and not Path(ambient).is_file():
-        find_condition(ambient)
+        find_scene(f"ambient/{ambient}")
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
     hidden = session.scenario.hidden

@@ -44,7 +44,6 @@ def video(
         option(
             "[ID=]IMAGES",
             "The hidden images: a folder, an NPY stack, or one image; of several surfaces of each.",
-            callback=options.check_images,
         ),
     ] = None,
     rate: Annotated[

@@ -61,10 +61,10 @@ def listen(host: str, port: int) -> socket.socket:
 class Gate:
     """The server of a page: a listening socket, a token, and the state that all viewers see.
 
-    `listen` takes the host and the port. `receive` takes a message of a viewer, decoded, and raises a ValueError
-    if the page offers nothing like it; `leave` is called when a viewer is gone. Both are called in
-    the server's thread, and must be quick. `token` begins every path that the server serves,
-    `rejected` counts connections and messages.
+    It listens as `listen` does. `receive` takes a message of a viewer, decoded, and raises a
+    ValueError if the page offers nothing like it; `leave` is called when a viewer is gone. Both are
+    called in the server's thread, and must be quick. `token` begins every path that the server
+    serves, `rejected` counts connections and messages.
     """
 
     def __init__(

@@ -47,10 +47,7 @@ def view(
         argument("PHOTO", "A photograph. Without one: synthetic photographs.", exists=True),
     ] = None,
     out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
-    image: Annotated[
-        str | None,
-        option("IMAGE", "First hidden image: a file or a name.", callback=options.check_images),
-    ] = None,
+    image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,
     ambient: Annotated[
         str | None, option("PLACE", "Ambient light: a shipped place or a Mitsuba XML file.")
     ] = None,

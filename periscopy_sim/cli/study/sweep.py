@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RENDERED = ("**/A*.npy", "**/photograph*.exr", "**/ambient")
+_PHOTOGRAPH = "A photograph without ambient light; needs --truth."
 SBRS, SNR = "0.1:10:log:9", 60.0
 RUN = ("command", "scene", "seed", "python")
 """Provenance that differs from run to run, or that no result depends on."""
@@ -57,28 +58,17 @@ def sweep(
         ),
     ] = None,
     photograph: Annotated[
-        Path | None,
-        option(
-            "FILE",
-            "A photograph without ambient light; needs --truth.",
-            group=PHOTOGRAPH,
-            exists=True,
-        ),  # fmt: skip
+        Path | None, option("FILE", _PHOTOGRAPH, group=PHOTOGRAPH, exists=True)
     ] = None,
     truth: Annotated[
         list[str] | None,
-        option(
-            "[ID=]IMAGE",
-            "The hidden image of --photograph; of several surfaces of each.",
-            callback=options.check_images,
-        ),
+        option("[ID=]IMAGE", "The hidden image of --photograph; of several surfaces of each."),
     ] = None,
     hidden_image: Annotated[
         list[str] | None,
         option(
             "[ID=]IMAGE,...",
             "Hidden images whose photographs are path traced, by comma; or a folder.",
-            callback=options.check_images,
         ),
     ] = None,
     sbr: Annotated[
