@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -17,10 +17,6 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.storage.outputs.staging import spare_inputs
-
-if TYPE_CHECKING:
-    from periscopy_sim.calibration.result import Calibration
-    from periscopy_sim.calibration.silhouette.result import Silhouette
 
 _SHOWN = (
     "Picture that the monitor showed in the first photograph; repeat for the second, and so on. "
@@ -171,7 +167,7 @@ def find_parameters(
         say_rivals(result, [out, *beside], document.units, outputs[-1])
 
 
-def _written(result: "Calibration", values: Mapping[str, float]) -> dict[str, str]:
+def _written(result: "ps.Calibration", values: Mapping[str, float]) -> dict[str, str]:
     """Return free parameters' values, and the covariance about them, as a scene file has them."""
     known = result.scene_covariance
     known = replace(known, values=np.array([*values.values(), *known.values[len(values) :]]))
@@ -179,7 +175,7 @@ def _written(result: "Calibration", values: Mapping[str, float]) -> dict[str, st
 
 
 def say_rivals(
-    result: "Calibration", scenes: Sequence[Path], units: Mapping[str, str], picture: Path
+    result: "ps.Calibration", scenes: Sequence[Path], units: Mapping[str, str], picture: Path
 ) -> None:
     """Print how likely each place of the image is, and which number differs most there."""
     from periscopy_sim.calibration.search import SURE
@@ -199,7 +195,7 @@ def _about(probability: float) -> str:
     return f"about {10 * max(round(10 * probability), 1)} %"
 
 
-def fixed_numbers(result: "Calibration", units: Mapping[str, str]) -> Iterator[str]:
+def fixed_numbers(result: "ps.Calibration", units: Mapping[str, str]) -> Iterator[str]:
     """Yield a sentence on the fixed numbers whose errors move the result most."""
     from periscopy_sim.model.residual import with_error
 
@@ -239,7 +235,6 @@ def _write_copy(
 
 def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: str | None) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
-    from periscopy_sim.calibration.silhouette.recover import recover_silhouette
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
 
@@ -250,7 +245,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     with output.output_files(*outputs, inputs=session.inputs) as (scene, ply, json, png):
         files, doing = session.read(), "find the silhouette"
         with session.timed(doing), output.fixable("--silhouette"), output.progress(doing) as report:
-            solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
+            solution = ps.recover_silhouette(shape=shape, cells=size, progress=report, **files)
         origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
@@ -260,7 +255,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     show_silhouette(solution)
 
 
-def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
+def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None:
     """Print the parameters with their units, the gain and the colours, and whether to trust."""
     from periscopy_sim.calibration.result import DeterminedBy
     from periscopy_sim.model.residual import percentages, with_error
@@ -305,7 +300,7 @@ def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
         output.conclude(sentence("trusted", before=before, after=after), "green")
 
 
-def show_silhouette(solution: "Silhouette") -> None:
+def show_silhouette(solution: "ps.Silhouette") -> None:
     """Print what the mask looks like and whether to trust it."""
     from periscopy_sim.model.residual import percentages
 

@@ -12,7 +12,6 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.output import fixable, progress, say
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import machine
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.transport.kernel import Strata
@@ -47,7 +46,7 @@ def check_memory(
     needed = 0.6e9 + own + (entry.bytes_per_entry if method else 4) * pixels * patches
     available = machine.available_memory()
     if available is not None and needed > available:
-        raise PeriscopyError(
+        raise ps.PeriscopyError(
             f"{rows} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
             f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
             "(--hidden)"
@@ -118,9 +117,9 @@ class Light(MonitorLight):
         super().__post_init__()
         for source in self.sources:
             if source != GRID and not source.lower().endswith(".npy"):
-                raise PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
+                raise ps.PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
             if source != GRID and not Path(source).is_file():
-                raise PeriscopyError(f"--light-model {source}: no such file")
+                raise ps.PeriscopyError(f"--light-model {source}: no such file")
 
     @property
     def sources(self) -> list[str]:
@@ -139,7 +138,7 @@ class Light(MonitorLight):
         """Reject a light model for a method that takes no B."""
         without = [name for name in names if name in METHODS and not METHODS[name].backgrounds]
         if self.light_model and without:
-            raise PeriscopyError(f"--light-model: {without[0]} models no ambient light; drop it")
+            raise ps.PeriscopyError(f"--light-model: {without[0]} models no ambient light; drop it")
 
     def backgrounds(self, scenario: ps.Scenario) -> Any:
         """Return B, (M, L): Eq. 4's, or read."""

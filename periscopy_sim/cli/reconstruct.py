@@ -14,7 +14,6 @@ from periscopy_sim.cli import messages, options, output
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import OUTPUT
 from periscopy_sim.cli.session import PhotoSession, Session
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
@@ -73,7 +72,7 @@ def reconstruct(
     if several:
         able = [name for name, entry in METHODS.items() if entry.views]
         if method not in able:
-            raise PeriscopyError(
+            raise ps.PeriscopyError(
                 f"--method {method}: it takes one view; several take {', '.join(able)}"
             )
         _, *others = (view.scenario for view in views.values())
@@ -81,7 +80,7 @@ def reconstruct(
     errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
     if errors and not counts_errors:
-        raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
+        raise ps.PeriscopyError(f"--uncertain: the method {method} does not support it")
     light.check_methods(method)
     with output.output_folder(out, OPTIONAL) as folder:
         walls, methods = dict[str, ps.Photograph](), dict[str, "StillMethod[Any]"]()

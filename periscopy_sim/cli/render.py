@@ -11,8 +11,6 @@ from periscopy_sim.cli.light import MonitorLight
 from periscopy_sim.cli.options import LIGHT, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs, find_condition
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
@@ -52,9 +50,9 @@ def photograph(
     """Path trace a photograph of the wall, as an EXR file."""
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
-        raise PeriscopyError("--ambient and --sbr go together; give both or neither")
+        raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
     if ambient is not None and not Path(ambient).is_file():
-        find_scene(f"ambient/{ambient}")
+        ps.find_scene(f"ambient/{ambient}")
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
     hidden = session.scenario.hidden

@@ -20,19 +20,14 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light, check_memory
 from periscopy_sim.cli.messages import sentence, verdict
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
-from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.scene import CAMERA
-from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
-from periscopy_sim.storage.photographs import read_mask, read_photograph
-from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report, StillMethod
@@ -52,7 +47,7 @@ def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
     """Reject ids of a scene's hidden surfaces or cameras that cannot be parts of files' names."""
     for name in names:
         if not re.fullmatch(r"[\w.-]+", name):
-            raise PeriscopyError(
+            raise ps.PeriscopyError(
                 f"scene '{path}': {what} '{name}' names files of results; give it an "
                 "id of letters, digits, '_', '-' and '.'"
             )
@@ -73,7 +68,7 @@ class Session(options.OptionGroup):
     camera: options.Cameras = None
 
     def __post_init__(self) -> None:
-        self.sizes, self.path = options.parse_sizes(self.hidden), find_scene(self.scene)
+        self.sizes, self.path = options.parse_sizes(self.hidden), ps.find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
@@ -103,7 +98,7 @@ class Session(options.OptionGroup):
         """The id of the sensor that photographs; one alone."""
         first, *others = self.camera or [CAMERA]
         if others:
-            raise PeriscopyError(f"--camera {others[0]}: this command takes one view; give one")
+            raise ps.PeriscopyError(f"--camera {others[0]}: this command takes one view; give one")
         return first
 
     @cached_property
@@ -171,7 +166,7 @@ class Session(options.OptionGroup):
         if len(pairs) < len(entries) or pairs.keys() != hidden.keys():
             form = ", ".join(f"{name}=..." for name in hidden)
             wrong = "".join(f" {name}=..." for name in pairs if name not in hidden)
-            raise PeriscopyError(
+            raise ps.PeriscopyError(
                 f"{flag}{wrong}: name each of the scene's hidden surfaces once: {form}"
             )
         return pairs
@@ -183,7 +178,7 @@ class Session(options.OptionGroup):
         """
         hidden = self.scenario.hidden
         by_id = dict.fromkeys(hidden, names) if isinstance(names, str) else names
-        images = {n: read_hidden_image(find_image(by_id[n]), hidden[n].shape) for n in hidden}
+        images = {n: ps.read_hidden_image(ps.find_image(by_id[n]), hidden[n].shape) for n in hidden}
         return hidden.unwrapped(images)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
@@ -199,7 +194,7 @@ class Session(options.OptionGroup):
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
-        photograph = read_photograph(path, self.scenario.photograph_shape, mask)
+        photograph = ps.read_photograph(path, self.scenario.photograph_shape, mask)
         for warning in photograph.warnings:
             self.warn(warning)
         return photograph
@@ -303,7 +298,7 @@ class WallSession(Session):
     def companions(self) -> tuple[Mask | None, dict[str, Array]]:
         """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
         file, off = self.files()
-        mask = read_mask(file, self.scenario.photograph_shape) if file else None
+        mask = ps.read_mask(file, self.scenario.photograph_shape) if file else None
         monitor_off = {str(each): self.photograph(each, mask).values for each in off}
         self.record |= {"mask": file, "backgrounds": list(monitor_off)}
         self.record["pixels_left_out"] = 0 if mask is None else np.count_nonzero(~mask)
@@ -317,7 +312,7 @@ class WallSession(Session):
 
     def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
         """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
-        defects = defective_pixels(photograph)
+        defects = ps.defective_pixels(photograph)
         if defects.any_kind.any():
             self.warn(sentence("defects", name=name, defects=defects))
             photograph = replace(photograph, mask=photograph.pixels & ~defects.any_kind)
@@ -377,13 +372,13 @@ class PhotoSession(WallSession):
         white = others.white(np.flatnonzero(wall.pixels))
         if (kept := float(P.apply(white).mean())) < LEAST_LIGHT:
             lost = sentence("no_rank", samples=samples, percent=100 * min(1 - kept, 1))
-            raise PeriscopyError(f"{self.scene}: {lost}")
+            raise ps.PeriscopyError(f"{self.scene}: {lost}")
 
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
         """Return the session of each photograph's view, by its camera; what they share is one's."""
         cameras = self.camera or [CAMERA]
         if len(photos) != len(cameras) or len({*cameras}) < len(cameras):
-            raise PeriscopyError(
+            raise ps.PeriscopyError(
                 f"photographs: {len(photos)}, cameras: {', '.join(cameras)}; give each photograph "
                 "a --camera of its own, in their order"
             )

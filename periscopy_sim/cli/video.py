@@ -17,7 +17,6 @@ from periscopy_sim.figures import animation
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
 
 OPTIONAL = (
@@ -119,7 +118,7 @@ def video(
 
 def _frames_of(session: PhotoSession, name: str, images: str, count: int) -> Image:
     """Read what a hidden surface showed, (count, R, C, 3)."""
-    path = Path(images) if Path(images).is_dir() else find_image(images)
+    path = Path(images) if Path(images).is_dir() else ps.find_image(images)
     shape = session.scenario.hidden[name].shape
     return np.stack([*sequences.read_hidden_frames(path, shape, count)])
 

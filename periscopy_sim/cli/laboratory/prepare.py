@@ -13,17 +13,13 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, show_table, warn
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.figures.panels import exposed, write_enlarged
 from periscopy_sim.photographs.develop import SensorImage, average, develop
-from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.formats.table import libraries_of
 from periscopy_sim.storage.outputs.provenance import as_text
-from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 from periscopy_sim.storage.pictures import write_png
-from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
 
 Files = list[Path] | None
 Black = Annotated[
@@ -87,7 +83,7 @@ def prepare(
             film = _film(light, session, bin_by, marks)
             session = Session(scene, [], [*(define or []), *film])
         with progress("averaging its pixels"):
-            wall = None if mask is None else read_mask(mask)
+            wall = None if mask is None else ps.read_mask(mask)
             prepared = ps.prepare(light, session.scenario, marks=marks, mask=wall)
             # A black level above all light leaves none: readers reject such a photograph.
             ps.Photograph.of(prepared.values, name=str(photos[0]), mask=prepared.mask)
@@ -107,11 +103,11 @@ def prepare(
         conclude(f"the scene's film has this size with {definitions}: give it with every command")
 
 
-def marks_of(points: Path | None, tags: Path | None) -> WallPoints | WallTags | None:
+def marks_of(points: Path | None, tags: Path | None) -> ps.WallPoints | ps.WallTags | None:
     """Read the marks of the wall, if a file of them is given; of two it is a PeriscopyError."""
     if points is not None and tags is not None:
-        raise PeriscopyError("--points and --tags exclude each other; give one")
-    return read_wall_points(points) if points else read_wall_tags(tags) if tags else None
+        raise ps.PeriscopyError("--points and --tags exclude each other; give one")
+    return ps.read_wall_points(points) if points else ps.read_wall_tags(tags) if tags else None
 
 
 def _developed(
@@ -133,7 +129,7 @@ def exposures(
 ) -> Iterator[SensorImage]:
     """Read photographs of a camera, with their warnings; see `read_sensor_image`."""
     for path in paths:
-        exposure, warnings = read_sensor_image(
+        exposure, warnings = ps.read_sensor_image(
             path, white, has_black=bool(black), encoding=encoding
         )
         for warning in warnings:
@@ -159,7 +155,7 @@ def _film(
         return [f"height={rows}", f"width={columns}"]
     if "resolution" in declared and rows == columns:
         return [f"resolution={rows}"]
-    raise PeriscopyError(
+    raise ps.PeriscopyError(
         f"--bin: scene '{session.path}' declares no <default> for its film's size that -D leaves "
         "free; declare width and height, and use $width and $height in its film"
     )

@@ -18,7 +18,6 @@ from periscopy_sim.cli.options import argument, option
 from periscopy_sim.cli.output import outcome, output_folder, progress, say, warn, write_json
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods, libraries_of
 from periscopy_sim.shipped import scenes_folder
@@ -65,9 +64,9 @@ def view(
     require_all("websockets", *libraries_of(method))
     check_port(host, port)
     if ambient and photo is not None:
-        raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
+        raise ps.PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
-        raise PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
+        raise ps.PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
     place = find_condition(ambient) if ambient else None
     session = WallSession(scene, hidden, define, mask=mask)
     image = image or ("mushroom" if photo is None else "")

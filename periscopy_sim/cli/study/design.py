@@ -16,9 +16,7 @@ from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import conclude, progress, show_table, warn, write_json, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import noise_to_signal
-from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.outputs.provenance import image_sha256
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -67,12 +65,12 @@ def design(
 
     ranges = options.parse_ranges(vary, "--vary")
     if len(ranges) > 2:
-        raise PeriscopyError("--vary: name one or two parameters")
+        raise ps.PeriscopyError("--vary: name one or two parameters")
     names = [] if images == "none" else options.parse_list("--images", images)
     if by is By.reported and not names:
-        raise PeriscopyError("--by reported needs images; leave --images out")
+        raise ps.PeriscopyError("--by reported needs images; leave --images out")
     for name in names:
-        find_image(name)
+        ps.find_image(name)
     start = start_values(session.scenario.document, list(ranges))
     given_point = dict(zip(ranges, map(designs.as_text, start), strict=True))
     points = [given_point, *designs.grid_of(ranges, grid)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import GRID, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, option
@@ -16,13 +17,11 @@ from periscopy_sim.cli.session import WallSession
 from periscopy_sim.cli.study.axes import check_numbers, parse_ambient, parse_axes, parse_values
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.cli.study.worlds import KNOWN, Worlds
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.reconstruction.registry import METHODS, libraries_of
-from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.places import mirrored
 from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256, sha256_of
@@ -101,12 +100,12 @@ def sweep(
     lights, names = parse_ambient(ambient), options.parse_list("--methods", methods)
     require_all(*SWEEP, *libraries_of(*names))
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
-        raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
+        raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
     given = {"sbr": sbr != SBRS, "snr": snr != SNR, "samples": light.samples, "model": light.model}
     for name in (*session.definitions, *(name for name, value in given.items() if value)):
         if name in axes:
-            raise PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
+            raise ps.PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
     of = {name: f"--vary {name}" if name in axes else f"--{name}" for name in ("sbr", "snr")}
     ratios = axes.pop("sbr", None) or parse_values(sbr, of["sbr"])
     ratios = check_numbers("ratio", of["sbr"], ratios)
@@ -140,7 +139,7 @@ def sweep(
         "image": {
             name: {
                 "photograph": "path traced" if wall is None else array_sha256(wall.values),
-                "truth": sha256_of(map(find_image, pictures.values())),
+                "truth": sha256_of(map(ps.find_image, pictures.values())),
             }
             for name, pictures in shown.items()
         },
@@ -149,7 +148,7 @@ def sweep(
             for light in lights
             for name in flipped_names(light, flips)
         },
-        "scene": {name: scene_sha256(find_scene(str(name))) for name in axes.get("scene", ())},
+        "scene": {name: scene_sha256(ps.find_scene(str(name))) for name in axes.get("scene", ())},
     }
     worlds = Worlds(
         session=session,
@@ -247,13 +246,15 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
         path = Path(entry)
         held = sorted(path.glob("[!.]*")) if path.is_dir() else [entry]
         if not held:
-            raise PeriscopyError(f"{flag} {entry}: the folder is empty; name one with pictures")
+            raise ps.PeriscopyError(f"{flag} {entry}: the folder is empty; name one with pictures")
         files += map(str, held)
     if flag == "--truth" and len(files) > 1:
-        raise PeriscopyError(f"--truth {','.join(entries)}: give that of --photograph alone")
+        raise ps.PeriscopyError(f"--truth {','.join(entries)}: give that of --photograph alone")
     shown = {Path(file).stem: {surface: file} for file in files}
     if len(shown) < len(files):
-        raise PeriscopyError(f"{flag} {','.join(entries)}: two pictures have one name; rename one")
+        raise ps.PeriscopyError(
+            f"{flag} {','.join(entries)}: two pictures have one name; rename one"
+        )
     return shown
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import periscopy_sim as ps
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
 from periscopy_sim.cli.output import fixable, part_of_command, progress
@@ -15,14 +16,11 @@ from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
-from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of, size_of
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.scenario import Scenario
-from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
@@ -32,8 +30,6 @@ if TYPE_CHECKING:
 
     from periscopy_sim.calibration.scene_covariance import SceneCovariance
     from periscopy_sim.evaluation.calibrating import Calibrator
-    from periscopy_sim.evaluation.world import World
-    from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
@@ -110,7 +106,7 @@ class Worlds:
         return {"algorithm": [*self.methods], "image": [*self.shown], "background": lights}
 
     @property
-    def hidden(self) -> Hidden:
+    def hidden(self) -> ps.Hidden:
         """The hidden surfaces of the session."""
         return self.session.scenario.hidden
 
@@ -119,10 +115,8 @@ class Worlds:
         """Channels of the images: those of the photographs given, else three."""
         return next((each.channels for each in self.photographs.values()), 3)
 
-    def __call__(self, **values: Any) -> "World":
+    def __call__(self, **values: Any) -> "ps.World":
         """Return the world of values of some axes."""
-        from periscopy_sim.evaluation.world import World, flips
-
         true, assumed = self._session(values), self._session(values, ASSUMED)
         true.check_scene()
         at = self._folder(values)
@@ -145,10 +139,10 @@ class Worlds:
         else:
             fitted, plans = self._fitted(assumed, values, wall)
         self.keep()
-        return World(
+        return ps.World(
             signals=signals,
             truths={name: true.hidden_image(names) for name, names in self.shown.items()},
-            backgrounds=flips(seen) if self.flips else seen,
+            backgrounds=ps.flips(seen) if self.flips else seen,
             methods=fitted,
             transport={name: plan.origin for name, plan in plans.items()},
             draw=int(values.get(DRAW, 0)),
@@ -161,7 +155,7 @@ class Worlds:
         A PeriscopyError names the axis, with the one that was perhaps meant.
         """
         document = self.session.scenario.document
-        paths = [find_scene(str(scene)) for scene in axes.get("scene", ())]
+        paths = [ps.find_scene(str(scene)) for scene in axes.get("scene", ())]
         if len({path.stem for path in paths}) < len(paths):
             names = ",".join(map(str, paths))
             raise PeriscopyError(f"--vary scene={names}: two scenes have one name; rename one")
@@ -227,7 +221,8 @@ class Worlds:
         from periscopy_sim.evaluation.calibrating import measures_of
 
         own = self.session.scenario.document
-        others = (read_document(find_scene(name)) for name in self.conditions_of.get("scene", ()))
+        scenes = self.conditions_of.get("scene", ())
+        others = (read_document(ps.find_scene(name)) for name in scenes)
         units = {n: d.units.get(n, "1") for d in (own, *others) for n in free_parameters(d)}
         return measures_of(units)
 
@@ -377,7 +372,7 @@ def _fit(
     noise: float,
     seed: int,
     wall: Photograph,
-    scenario: Scenario,
+    scenario: ps.Scenario,
     errors: "SceneCovariance",
 ) -> "Method":
     """Fit a method to a scene, and to what a calibration knows of its errors."""
@@ -392,15 +387,14 @@ def _fit(
 
 
 def _uncertain(
-    name: str, scenario: Scenario, errors: "Mapping[str, float] | SceneCovariance"
-) -> "UncertainTransport | None":
+    name: str, scenario: ps.Scenario, errors: "Mapping[str, float] | SceneCovariance"
+) -> "ps.UncertainTransport | None":
     """Return what errors of a scene do to light, for a method that counts them by default."""
     from periscopy_sim.analytic.area_transport import has_areas
-    from periscopy_sim.calibration.moving_scene import uncertain_transport
 
     if not (errors and name in METHODS and METHODS[name].uncertain and has_areas(scenario)):
         return None
-    return uncertain_transport(scenario, errors)
+    return ps.uncertain_transport(scenario, errors)
 
 
 def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: str) -> None:
