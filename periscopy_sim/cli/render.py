@@ -18,28 +18,22 @@ from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
-TargetOption = Annotated[
-    float, option("NUMBER", "Relative error of a pixel of ambient light to reach.", kind="error")
-]
+_TARGET = "Relative error of a pixel of ambient light to reach."
+TargetOption = Annotated[float, option("NUMBER", _TARGET, kind="error")]
+_IMAGE = "The hidden image: a file, or a shipped one."
+_OF_EACH = "Image of a hidden surface; repeatable."
+_SAMPLES = "Camera samples a pixel."
+_AMBIENT = "Ambient light to add: a photograph or a shipped condition."
 
 
 def photograph(
     *,
     session: Annotated[Session, {"hidden": ["29x36"]}],
-    image: Annotated[
-        str | None, argument("IMAGE", "The hidden image: a file, or a shipped one.")
-    ] = None,
-    images: Annotated[
-        list[str] | None, option("ID=IMAGE", "Image of a hidden surface; repeatable.", "--image")
-    ] = None,
+    image: Annotated[str | None, argument("IMAGE", _IMAGE)] = None,
+    images: Annotated[list[str] | None, option("ID=IMAGE", _OF_EACH, "--image")] = None,
     out: options.OutFile,
-    samples: Annotated[
-        int, option("NUMBER", "Camera samples a pixel.", kind="camera samples", group=LIGHT)
-    ] = 4096,
-    ambient: Annotated[
-        str | None,
-        option("LIGHT", "Ambient light to add: a photograph or a shipped condition.", group=LIGHT),
-    ] = None,
+    samples: Annotated[int, option("NUMBER", _SAMPLES, kind="camera samples", group=LIGHT)] = 4096,
+    ambient: Annotated[str | None, option("LIGHT", _AMBIENT, group=LIGHT)] = None,
     sbr: Annotated[
         float | None, option("RATIO", "Signal-to-background ratio.", kind="ratio", group=LIGHT)
     ] = None,

@@ -25,6 +25,9 @@ OPTIONAL = (
 )
 """Files that depend on the scene, the options and the number of frames."""
 
+_TRUTH = "The hidden images: a folder, an NPY stack, or one image; of several surfaces of each."
+_RATE = "Frames a second of the animation."
+_ALSO = "A further animation; repeatable."
 _FRAMES = "Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ stack."
 
 
@@ -38,19 +41,9 @@ def video(
     method: options.VideoMethodOption = DEFAULT,
     coupling: options.Coupling = "l1",
     numbers: options.VideoNumbers,
-    truth: Annotated[
-        list[str] | None,
-        option(
-            "[ID=]IMAGES",
-            "The hidden images: a folder, an NPY stack, or one image; of several surfaces of each.",
-        ),
-    ] = None,
-    rate: Annotated[
-        float, option("NUMBER", "Frames a second of the animation.", group=OUTPUT, kind="rate")
-    ] = 16.0,
-    also: Annotated[
-        list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
-    ] = None,
+    truth: Annotated[list[str] | None, option("[ID=]IMAGES", _TRUTH)] = None,
+    rate: Annotated[float, option("NUMBER", _RATE, group=OUTPUT, kind="rate")] = 16.0,
+    also: Annotated[list[str] | None, option("mp4|webm", _ALSO, group=OUTPUT)] = None,
 ) -> None:
     """Recover a hidden video from photographs of the wall."""
     from periscopy_sim.evaluation import video_metrics

@@ -9,19 +9,17 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, argument, example_of, option, require_suffix
 from periscopy_sim.cli.output import conclude, output_files, progress, written
 from periscopy_sim.cli.session import Session
+from periscopy_sim.figures.laboratory.projections import laboratory_figure
 from periscopy_sim.rendering.variant import require_vectorized
 
+_MEASUREMENTS = "The measurements; see --example."
+_OUT = "The scene's XML file; its meshes are written beside it."
 Example = Annotated[bool, example_of("periscopy_sim.laboratory.document", "commented measurements")]
 
 
 def lab(
-    measurements: Annotated[
-        Path, argument("MEASUREMENTS.yaml", "The measurements; see --example.", exists=True)
-    ],
-    out: Annotated[
-        Path,
-        option("FILE", "The scene's XML file; its meshes are written beside it.", group=OUTPUT),
-    ],
+    measurements: Annotated[Path, argument("MEASUREMENTS.yaml", _MEASUREMENTS, exists=True)],
+    out: Annotated[Path, option("FILE", _OUT, group=OUTPUT)],
     example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make a scene of a laboratory from a ruler's measurements.
@@ -44,8 +42,6 @@ def draw(
 
     Look at it to find wrong signs and units.
     """
-    from periscopy_sim.figures.laboratory.projections import laboratory_figure
-
     options.require_suffix(out, ".png", "the drawing")
     with output_files(out) as (staged,):
         require_vectorized("a drawing")

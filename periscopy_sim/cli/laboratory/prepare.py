@@ -27,6 +27,9 @@ Black = Annotated[
 ]
 _DARK = "Photograph with the lens covered, subtracted; repeatable."
 Dark = Annotated[Files, option("FILE", _DARK, group=PHOTOGRAPH, exists=True)]
+_FLAT = "Photograph of an evenly lit white surface, divided by; repeatable."
+_MASK = "Picture of the photograph's or film's size, black off wall."
+_WHITE = "Saturation value. [default: from the file]"
 _POINTS = "Points of the wall to rectify by: column,row,x,y,z."
 Points = Annotated[Path | None, option("FILE.csv", _POINTS, group=PHOTOGRAPH, exists=True)]
 _TAGS = "AprilTag or ArUco markers to rectify by: id,x,y,z,size."
@@ -41,23 +44,11 @@ def prepare(
     out: options.OutFile,
     black: Black = 0.0,
     dark: Dark = None,
-    flat: Annotated[
-        Files,
-        option(
-            "FILE",
-            "Photograph of an evenly lit white surface, divided by; repeatable.",
-            exists=True,
-        ),
-    ] = None,
-    white: Annotated[
-        float | None, option("VALUE", "Saturation value. [default: from the file]", kind="level")
-    ] = None,
+    flat: Annotated[Files, option("FILE", _FLAT, exists=True)] = None,
+    white: Annotated[float | None, option("VALUE", _WHITE, kind="level")] = None,
     points: Points = None,
     tags: Tags = None,
-    mask: Annotated[
-        Path | None,
-        option("FILE", "Picture of the photograph's or film's size, black off wall.", exists=True),
-    ] = None,
+    mask: Annotated[Path | None, option("FILE", _MASK, exists=True)] = None,
     bin_by: Annotated[
         int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", kind="side")
     ] = None,

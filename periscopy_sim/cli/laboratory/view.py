@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 WRITING = Lock()
 """Held while files are written: Ctrl-C waits for them, and for nothing else."""
 
+_PHOTO = "A photograph. Without one: synthetic photographs."
+_PLACE = "Ambient light: a shipped place or a Mitsuba XML file."
 _HOST = "Where to listen; 0.0.0.0 is open to the network."
 Host = Annotated[str, option("ADDRESS", _HOST)]
 Port = Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")]
@@ -41,15 +43,10 @@ Port = Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="por
 def view(
     scene: options.SceneArgument,
     hidden: options.Hidden = ["29x36"],  # noqa: B006  nothing changes it
-    photo: Annotated[
-        Path | None,
-        argument("PHOTO", "A photograph. Without one: synthetic photographs.", exists=True),
-    ] = None,
+    photo: Annotated[Path | None, argument("PHOTO", _PHOTO, exists=True)] = None,
     out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
     image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,
-    ambient: Annotated[
-        str | None, option("PLACE", "Ambient light: a shipped place or a Mitsuba XML file.")
-    ] = None,
+    ambient: Annotated[str | None, option("PLACE", _PLACE)] = None,
     method: options.FirstMethodOption = DEFAULT,
     mask: options.MaskOption = None,
     host: Host = "127.0.0.1",

@@ -17,12 +17,12 @@ from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
-Archive = Annotated[
-    Path, argument("DATA", "A data set, as 'periscopy dataset' writes it.", parser=options.place_of)
-]
-Example = Annotated[
-    bool, example_of("periscopy_sim.dataset.configuration", "a commented configuration")
-]
+_CONFIGURATION = "The configuration; see --example."
+_COUNT = "Samples, instead of the configuration's."
+_DATA = "A data set, as 'periscopy dataset' writes it."
+Archive = Annotated[Path, argument("DATA", _DATA, parser=options.place_of)]
+_MODULE = "periscopy_sim.dataset.configuration"
+Example = Annotated[bool, example_of(_MODULE, "a commented configuration")]
 
 
 class _MakesByDefault(CommandGroup):
@@ -47,13 +47,9 @@ app = typer.Typer(
 @app.command("make", cls=Command)
 @with_options_of_groups
 def make(
-    configuration: Annotated[
-        Path, argument("CONFIG.yaml", "The configuration; see --example.", exists=True)
-    ],
+    configuration: Annotated[Path, argument("CONFIG.yaml", _CONFIGURATION, exists=True)],
     out: options.Store,
-    count: Annotated[
-        int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")
-    ] = None,
+    count: Annotated[int | None, option("NUMBER", _COUNT, kind="samples")] = None,
     scheduler: options.Scheduler = None,
     example: Example = False,  # noqa: ARG001
 ) -> None:

@@ -24,6 +24,11 @@ from periscopy_sim.storage.outputs.staging import staged_file
 if TYPE_CHECKING:
     from periscopy_sim.evaluation.design import Row
 
+_VARY = "One or two scene <default>s: occluder_dx=-0.05:0.05."
+_GRID = "Values of each parameter, all combined."
+_BY = "Least Cramer-Rao bound, or least error that noise-aware reports."
+_SBR = "Signal-to-background ratio; inf: no ambient light."
+_IMAGES = "Images that noise-aware recovers, by comma, or none."
 FILES = TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
 
 
@@ -37,23 +42,13 @@ class By(StrEnum):
 def design(
     session: Annotated[Session, {"hidden": ["15x18"]}],
     light: Light,
-    vary: Annotated[
-        str, option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05.")
-    ],
+    vary: Annotated[str, option("NAME=LOW:HIGH,...", _VARY)],
     out: options.ResumedFolder,
-    grid: Annotated[
-        int, option("NUMBER", "Values of each parameter, all combined.", kind="grid")
-    ] = 11,
-    by: Annotated[
-        By, typer.Option(help="Least Cramer-Rao bound, or least error that noise-aware reports.")
-    ] = By.bound,
-    sbr: Annotated[
-        float, option("RATIO", "Signal-to-background ratio; inf: no ambient light.", kind="sbr")
-    ] = 0.5,
+    grid: Annotated[int, option("NUMBER", _GRID, kind="grid")] = 11,
+    by: Annotated[By, typer.Option(help=_BY)] = By.bound,
+    sbr: Annotated[float, option("RATIO", _SBR, kind="sbr")] = 0.5,
     snr: options.Snr = 60.0,
-    images: Annotated[
-        str, option("LIST", "Images that noise-aware recovers, by comma, or none.")
-    ] = "mushroom,still_life,letters",
+    images: Annotated[str, option("LIST", _IMAGES)] = "mushroom,still_life,letters",
 ) -> None:
     """Find where to look and which occluder to take.
 

@@ -33,7 +33,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RENDERED = ("**/A*.npy", "**/photograph*.exr", "**/ambient")
+_VARY = (
+    "An axis: sbr, snr, a <default> of the scene (assumed.NAME: of the methods' alone), assumed, "
+    "ruler, hidden, samples, model, scene, METHOD.OPTION. Values as 1,2,5, 0:1:5, 1:9:log:3."
+)
 _PHOTOGRAPH = "A photograph without ambient light; needs --truth."
+_TRUTH = "The hidden image of --photograph; of several surfaces of each."
+_IMAGES = "Hidden images whose photographs are path traced, by comma; or a folder."
+_RATIOS = "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
+_AMBIENT = "all, adversarial, shipped conditions, EXR files or folders of them."
+_METHODS = "Methods by comma; yours as module:callable or file.py:callable."
+_SEEDS = "Noise draws for each background and SBR."
 SBRS, SNR = "0.1:10:log:9", 60.0
 RUN = ("command", "scene", "seed", "python")
 """Provenance that differs from run to run, or that no result depends on."""
@@ -47,43 +57,18 @@ def sweep(
     session: Annotated[WallSession, {"hidden": ["29x36"]}],
     light: Light,
     out: options.Store,
-    vary: Annotated[
-        list[str] | None,
-        option(
-            "NAME=VALUES",
-            "An axis: sbr, snr, a <default> of the scene (assumed.NAME: of the methods' alone), "
-            "assumed, ruler, hidden, samples, model, scene, METHOD.OPTION. Values as 1,2,5, 0:1:5, "
-            "1:9:log:3.",
-        ),
-    ] = None,
+    vary: Annotated[list[str] | None, option("NAME=VALUES", _VARY)] = None,
     photograph: Annotated[
         Path | None, option("FILE", _PHOTOGRAPH, group=PHOTOGRAPH, exists=True)
     ] = None,
-    truth: Annotated[
-        list[str] | None,
-        option("[ID=]IMAGE", "The hidden image of --photograph; of several surfaces of each."),
-    ] = None,
-    hidden_image: Annotated[
-        list[str] | None,
-        option(
-            "[ID=]IMAGE,...",
-            "Hidden images whose photographs are path traced, by comma; or a folder.",
-        ),
-    ] = None,
-    sbr: Annotated[
-        str, option("RATIOS", "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9.")
-    ] = SBRS,
-    ambient: Annotated[
-        str, option("LIST", "all, adversarial, shipped conditions, EXR files or folders of them.")
-    ] = "all",
+    truth: Annotated[list[str] | None, option("[ID=]IMAGE", _TRUTH)] = None,
+    hidden_image: Annotated[list[str] | None, option("[ID=]IMAGE,...", _IMAGES)] = None,
+    sbr: Annotated[str, option("RATIOS", _RATIOS)] = SBRS,
+    ambient: Annotated[str, option("LIST", _AMBIENT)] = "all",
     flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
-    methods: Annotated[
-        str, option("LIST", "Methods by comma; yours as module:callable or file.py:callable.")
-    ] = "noise-aware,preconditioned,differencing",
+    methods: Annotated[str, option("LIST", _METHODS)] = "noise-aware,preconditioned,differencing",
     snr: options.Snr = SNR,
-    seeds: Annotated[
-        int, option("NUMBER", "Noise draws for each background and SBR.", kind="count")
-    ] = 1,
+    seeds: Annotated[int, option("NUMBER", _SEEDS, kind="count")] = 1,
     scheduler: options.Scheduler = None,
     study: StudyOption = None,  # noqa: ARG001, it has become the other options' defaults
     example: ExampleOption = False,  # noqa: ARG001
