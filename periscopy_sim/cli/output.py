@@ -8,7 +8,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
@@ -64,18 +63,19 @@ class Outcome:
             Console(highlight=False).print(Text(printable(line), colour), soft_wrap=True)
 
 
-_OUTCOME: ContextVar[Outcome] = ContextVar("_OUTCOME")
+_OUTCOMES: list[Outcome] = []
+"""Of the command at work, and behind it that of its part at work; for all threads."""
 
 
 def outcome() -> Outcome:
     """Return the outcome of the command at work."""
-    return _OUTCOME.get(None) or Outcome()
+    return _OUTCOMES[-1] if _OUTCOMES else Outcome()
 
 
 @contextmanager
 def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
     """Collect the outcome of a command, and show it at the end; after an error only the files."""
-    token = _OUTCOME.set(Outcome(quiet, as_json))
+    _OUTCOMES.append(Outcome(quiet, as_json))
     try:
         yield
     except BaseException:
@@ -84,29 +84,18 @@ def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
     else:
         outcome().show()
     finally:
-        _OUTCOME.reset(token)
+        _OUTCOMES.pop()
 
 
 @contextmanager
 def part_of_command() -> Iterator[Outcome]:
     """Collect the outcome of a command that another one runs, and show none of it."""
     part = replace(outcome(), is_part=True, numbers={}, files=[], verdicts=[])
-    token = _OUTCOME.set(part)
+    _OUTCOMES.append(part)
     try:
         yield part
     finally:
-        _OUTCOME.reset(token)
-
-
-def for_threads(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a function for other threads, which adds to the outcome of the command at work."""
-    present = outcome()
-
-    def called(*values: Any) -> None:
-        _OUTCOME.set(present)
-        function(*values)
-
-    return called
+        _OUTCOMES.pop()
 
 
 def say(message: str, *, is_result: bool = False) -> None:

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from contextvars import copy_context
 from dataclasses import asdict
 from pathlib import Path
 from threading import Lock, Thread
@@ -101,9 +100,7 @@ def check_port(host: str, port: int) -> None:
 def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:
     """Serve a page until its session ends, or until Ctrl-C, which calls `close` first."""
     try:
-        worker = Thread(
-            target=copy_context().run, args=(live.run,), daemon=True
-        )  # its long steps would delay Ctrl-C
+        worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
         worker.start()
         if live.page.gate.is_open:
             warn(

@@ -15,7 +15,7 @@ from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, check_port, s
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
-from periscopy_sim.cli.output import for_threads, output_files, progress, record, say, written
+from periscopy_sim.cli.output import output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.extras import require_all
@@ -83,7 +83,7 @@ def watch(
         check_memory(scenario, method)
         session.check_lights()
         companions = _companions(session, marks, black, dark, encoding)
-        stream = Stream(frames, scenario, companions, average, for_threads(session.warn))
+        stream = Stream(frames, scenario, companions, average, session.warn)
         recorder = None if out is None else Recorder(out, session, stream, source)
         folder = (out or Path("watch")) / "set"
         live = LiveSession(
