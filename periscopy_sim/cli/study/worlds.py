@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
 from periscopy_sim.cli.output import fixable, part_of_command, progress
@@ -217,7 +218,6 @@ class Worlds:
         """What calibrations say of themselves, if the sweep has some."""
         if not self.calibrates:
             return {}
-        from periscopy_sim.calibration.prior import free_parameters
         from periscopy_sim.evaluation.calibrating import measures_of
 
         own = self.session.scenario.document
@@ -238,8 +238,6 @@ class Worlds:
         defined = {n: v for n, v in values.items() if n in numbers}
         defined |= {n.removeprefix(of): v for n, v in values.items() if of and n.startswith(of)}
         if of and not _is_known(values):
-            from periscopy_sim.calibration.prior import read_by_ruler
-
             draw = [base.seed, 1 + int(values.get(DRAW, 0))]  # not the stream of the seed alone
             defined |= read_by_ruler(self._session(values).scenario, draw)
         whole = {n: values[n] for n in OF_SCENE if n in values}
@@ -260,11 +258,8 @@ class Worlds:
     def _folder(self, values: Mapping[str, Any], of: str = "") -> Path:
         """Return the folder of what is rendered of the true scene, or of the ``assumed.`` one."""
         numbers = self.session.scenario.document.defaults
-        own = {
-            name: value
-            for name, value in values.items()
-            if name in (*numbers, *OF_SCENE) or (of and name.startswith(of))
-        }
+        names = *numbers, *OF_SCENE
+        own = {n: v for n, v in values.items() if n in names or (of and n.startswith(of))}
         if of and not _is_known(values):
             own[DRAW] = values.get(DRAW, 0.0)
         texts = {n: f"{v:.9g}" if isinstance(v, float) else Path(v).stem for n, v in own.items()}
@@ -288,8 +283,9 @@ class Worlds:
 
     def _light(self, values: Mapping[str, Any]) -> Light:
         """Return the light that is modelled at values of axes."""
-        varied = {name: of(values[name]) for name, of in OF_LIGHT.items() if name in values}
-        return replace(self.light, **varied)
+        return replace(
+            self.light, **{n: of(values[n]) for n, of in OF_LIGHT.items() if n in values}
+        )
 
     def _settings(self, values: Mapping[str, Any], method: str) -> dict[str, float]:
         """Return a method's options at values of axes."""
@@ -300,7 +296,6 @@ class Worlds:
         self, session: WallSession, values: Mapping[str, Any], wall: Photograph
     ) -> "tuple[dict[str, Method], dict[str, TransportPlan]]":
         """Return the methods, each fitted to A as planned for it, and these plans."""
-        from periscopy_sim.calibration.prior import free_parameters
         from periscopy_sim.evaluation.methods import fit_method
 
         scenario, light = session.scenario, self._light(values)
@@ -327,7 +322,6 @@ class Worlds:
         self, true: WallSession, ruler: WallSession, values: Mapping[str, Any], wall: Photograph
     ) -> "dict[str, Method]":
         """Return the methods, each of which calibrates the ruler's scene by the photograph."""
-        from periscopy_sim.calibration.prior import free_parameters, start_values
         from periscopy_sim.evaluation.calibrating import Calibrated, Calibrator
 
         names = tuple(free_parameters(true.scenario.document))
