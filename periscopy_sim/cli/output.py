@@ -14,6 +14,13 @@ from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, NoReturn
 
+from rich.box import ROUNDED
+from rich.console import Console
+from rich.markup import escape  # a label may quote names
+from rich.progress import Progress, TimeElapsedColumn
+from rich.table import Column, Table
+from rich.text import Text
+
 from periscopy_sim.errors import PeriscopyError, printable
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file, staged_folder
@@ -57,9 +64,6 @@ class Outcome:
         if self.files:
             say(f"wrote {', '.join(map(str, dict.fromkeys(self.files)))}")
         for line, colour in [] if self.is_silent else self.verdicts:
-            from rich.console import Console
-            from rich.text import Text
-
             Console(highlight=False).print(Text(printable(line), colour), soft_wrap=True)
 
 
@@ -110,11 +114,6 @@ def say(message: str, *, is_result: bool = False) -> None:
 
 def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> None:
     """Print rows: on a terminal as a table, else in aligned columns."""
-    from rich.box import ROUNDED
-    from rich.console import Console
-    from rich.table import Column, Table
-    from rich.text import Text
-
     rows = [*rows]
     if not rows or outcome().is_silent or outcome().as_json:
         return
@@ -221,10 +220,6 @@ def progress(
     Yield a function of the fraction done or, given a `unit`, of how many are done and of how many.
     Within the progress of another computation, there is no bar, and no line at the start.
     """
-    from rich.console import Console
-    from rich.markup import escape  # a label may quote names
-    from rich.progress import Progress, TimeElapsedColumn
-
     console, is_hidden = Console(stderr=True), bool(_AT_WORK) or outcome().quiet
     latest = clock()
     if not (is_hidden or console.is_terminal):

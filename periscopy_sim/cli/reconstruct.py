@@ -15,12 +15,10 @@ from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import OUTPUT
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.evaluation import metrics
-from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.figures.space import draw_space
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.reconstruction import registry
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.storage.formats.table import libraries_of
@@ -61,7 +59,6 @@ def reconstruct(
     """
     from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
 
-    require_all(*registry.libraries_of(method), *libraries_of(photo))
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
     text = "" if uncertain in (None, "none") else str(uncertain)
@@ -85,7 +82,7 @@ def reconstruct(
     with output.output_folder(out, OPTIONAL) as folder:
         walls, methods = dict[str, ps.Photograph](), dict[str, "StillMethod[Any]"]()
         for (camera, view), file in zip(views.items(), photo, strict=True):
-            view.check_scene(method)
+            view.check_scene(method, *libraries_of(photo))
             walls[camera] = view.wall(file)
         names = session.by_surface(truth, "--truth") if truth else None
         known = names and session.scenario.hidden.images(session.hidden_image(names))
@@ -126,12 +123,13 @@ def reconstruct(
                 file = folder / f"residual_{camera}.png"
                 draw_residual(file, own, walls[camera].values, session.metadata)
         compared = _compare(folder, images, known, shown, session) if known else {}
+        hidden, metrics_of = session.scenario.hidden, next(iter(compared.values()), {})
         summary = {
             "method_sha256": source_sha256(method),
             **_of_views(views, photo, verdicts, reports),
             **report.numbers,
-            "truth": names and session.scenario.hidden.unwrapped(names),
-            **session.by_metric(compared),
+            "truth": names and hidden.unwrapped(names),
+            **{n: hidden.unwrapped({i: compared[i][n] for i in hidden}) for n in metrics_of},
         }
         session.write_summary(folder / "summary.json", summary)
     for note in chain(*(own.notes for own in reports.values() if several), report.notes):

@@ -115,22 +115,16 @@ class Session(options.OptionGroup):
         """[R, C] of the hidden image, of several surfaces by id, for a record."""
         return self.scenario.hidden.unwrapped(self.scenario.hidden.shapes)
 
-    def by_metric(self, by_id: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-        """Return the numbers of each surface by their names, each as a record has it."""
-        first = next(iter(by_id.values()), {})
-        hidden = self.scenario.hidden
-        return {n: hidden.unwrapped({i: by_id[i][n] for i in hidden}) for n in first}
-
     @property
     def metadata(self) -> dict[str, str]:
         """The provenance as text, for the metadata of pictures."""
         return as_text(self.provenance)
 
-    def check_scene(self, method: str = "") -> None:
+    def check_scene(self, method: str = "", *libraries: str) -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         from periscopy_sim.evaluation.methods import check_able
 
-        check_able(method, self.scenario.hidden)
+        check_able(method, self.scenario.hidden, *libraries)
         check_memory(self.scenario, method)
         self.check_lights()
         self.check_shadows()
@@ -236,8 +230,7 @@ class Session(options.OptionGroup):
         least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))
         for name, part in self.scenario.hidden.slices.items():
             if (share := float(white[part].sum())) < least:
-                percent = {"share": 100 * share, "least": 100 * least}
-                self.warn(sentence("hardly_seen", name=name, **percent))
+                self.warn(sentence("hardly_seen", name=name, percent=100 * share))
         return A
 
     def check_error(self, origin: Mapping[str, Any], noise: float, name: str = "A") -> None:

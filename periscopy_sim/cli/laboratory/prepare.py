@@ -68,7 +68,11 @@ def prepare(
     inputs = *photos, *(dark or ()), *(flat or ()), mask, points, tags, session.path
     with output_files(*outputs, inputs=inputs) as staged:
         with progress("reading the photograph"):
-            light = _developed(photos, black, dark, flat, white)
+            offset, even = (
+                average(exposures(frames, white, black), f"{name} {frames[-1]}") if frames else None
+                for frames, name in ((dark, "the dark frame"), (flat, "the flat field"))
+            )
+            light = develop(exposures(photos, white, black), black=black, dark=offset, flat=even)
         film: list[str] = []
         if bin_by is not None:
             film = _film(light, session, bin_by, marks)
@@ -99,17 +103,6 @@ def marks_of(points: Path | None, tags: Path | None) -> ps.WallPoints | ps.WallT
     if points is not None and tags is not None:
         raise ps.PeriscopyError("--points and --tags exclude each other; give one")
     return ps.read_wall_points(points) if points else ps.read_wall_tags(tags) if tags else None
-
-
-def _developed(
-    photos: Sequence[Path], black: float, dark: Files, flat: Files, white: float | None
-) -> SensorImage:
-    """Read the photographs into one picture of linear light."""
-    offset, even = (
-        average(exposures(frames, white, black), f"{name} {frames[-1]}") if frames else None
-        for frames, name in ((dark, "the dark frame"), (flat, "the flat field"))
-    )
-    return develop(exposures(photos, white, black), black=black, dark=offset, flat=even)
 
 
 def exposures(

@@ -58,7 +58,9 @@ def view(
     reconstruction and standard error. Ctrl-C ends the command.
     """
     require_all("websockets", *libraries_of(method))
-    check_port(host, port)
+    from periscopy_sim.live.gate import listen
+
+    listen(host, port).close()  # a port in use is an error, before anything is loaded
     if ambient and photo is not None:
         raise ps.PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
@@ -88,13 +90,6 @@ def view(
         )  # fmt: skip
 
     serve(live, session.path.name)
-
-
-def check_port(host: str, port: int) -> None:
-    """Reject a port in use, before anything is loaded or made."""
-    from periscopy_sim.live.gate import listen
-
-    listen(host, port).close()
 
 
 def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:

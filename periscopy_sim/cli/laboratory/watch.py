@@ -11,7 +11,7 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, exposures, marks_of
-from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, check_port, serve, write_view
+from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
@@ -64,7 +64,9 @@ def watch(
     """
     video = [] if Path(source).is_dir() else ["av"]
     require_all("websockets", *video, *libraries_of(method), *(["cv2"] if tags else []))
-    check_port(host, port)
+    from periscopy_sim.live.gate import listen
+
+    listen(host, port).close()  # a port in use is an error, before anything is made
     marks = marks_of(points, tags)
     with progress("loading the scene"):
         from periscopy_sim.live.frames import open_source

@@ -59,7 +59,9 @@ def plot(
     axis = axis if equals else "algorithm"
     if reference and axis in texts:
         texts[axis].append(value)
-    results = _complete(_held(_read(folder), texts))
+    if not attributes_of(folder / "sweep.zarr"):
+        raise PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
+    results = _complete(_held(read_sweep(folder / "sweep.zarr"), texts))
     if reference:
         from periscopy_sim.evaluation.statistics import differences
 
@@ -72,13 +74,6 @@ def plot(
             file.write_text(latex_of(results, metric, f"tab:{out.stem}"), "utf-8")
         else:
             say(draw_sweep(file, results, metric=metric, over=over, panels=panels, width=width))
-
-
-def _read(folder: Path) -> "xr.Dataset":
-    """Read the results of a sweep; a PeriscopyError says that there are none."""
-    if not attributes_of(folder / "sweep.zarr"):
-        raise PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
-    return read_sweep(folder / "sweep.zarr")
 
 
 def _held(results: "xr.Dataset", at: Mapping[str, Sequence[str]]) -> "xr.Dataset":
