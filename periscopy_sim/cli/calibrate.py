@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli import output
 from periscopy_sim.cli.messages import sentence
@@ -18,6 +19,7 @@ from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.storage.outputs.staging import spare_inputs
 
+_PHOTO = "One or more photographs, between which only the monitor's picture changed."
 _SHOWN = (
     "Picture that the monitor showed in the first photograph; repeat for the second, and so on. "
     "The pictures of further photographs are unknown. Of several surfaces: ID=IMAGE,ID=IMAGE."
@@ -42,14 +44,7 @@ _OUT = (
 class CalibrationSession(PhotoSession):
     """Photographs of one laboratory, pictures shown in the first ones, and what goes with them."""
 
-    photo: Annotated[
-        list[Path],
-        argument(
-            "PHOTO",
-            "One or more photographs, between which only the monitor's picture changed.",
-            exists=True,
-        ),
-    ]
+    photo: Annotated[list[Path], argument("PHOTO", _PHOTO, exists=True)]
     shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
     @property
@@ -63,19 +58,16 @@ class CalibrationSession(PhotoSession):
         self.check_lights()
         wall = self.wall(self.photo[0])
         others = [self.photograph(file, wall.mask) for file in self.photo[1:]]
+        several = len(self.scenario.hidden) > 1
+        shown = [text.split(",") if several else [text] for text in self.shown or ()]
         return {
             "photograph": [wall, *others],
             "scene": self.scenario.scene,
             "hidden": self.sizes,
             "camera": self.sensor,
-            "shown": [self.picture(text) for text in self.shown or ()],
+            "shown": [self.hidden_image(self.by_surface(each, "--shown")) for each in shown],
             "seed": self.seed,
         }
-
-    def picture(self, text: str) -> Any:
-        """Read what the hidden surfaces showed in a photograph."""
-        entries = text.split(",") if len(self.scenario.hidden) > 1 else [text]
-        return self.hidden_image(self.by_surface(entries, "--shown"))
 
     def doubt(self, *reasons: str, advice: str) -> None:
         """Warn of reasons not to trust a result, if there are any, and advise."""
@@ -108,14 +100,14 @@ def calibrate(
     that you should not trust is written, too, with a warning and "trusted": false.
     """
     arguments.require_suffix(out, ".xml", "the scene")
-    if silhouette is None and cells is not None:
-        raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
     if silhouette is None:
+        if cells is not None:
+            raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
         find_parameters(session, out, free, uncertain or [])
-    elif free or uncertain or session.colour_matrix:
-        names = "--free, --uncertain and --colour-matrix"
-        raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {names}")
     else:
+        if free or uncertain or session.colour_matrix:
+            names = "--free, --uncertain and --colour-matrix"
+            raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {names}")
         find_silhouette(session, out, silhouette, cells)
 
 
@@ -180,19 +172,17 @@ def say_rivals(
     """Print how likely each place of the image is, and which number differs most there."""
     from periscopy_sim.calibration.search import SURE
 
+    def about(probability: float) -> str:  # which is no better known
+        return f"about {10 * max(round(10 * probability), 1)} %"
+
     own = 1 - sum(rival.probability for rival in result.rivals)
-    shares = [f"{scenes[0]} ({_about(own)})"]
+    shares = [f"{scenes[0]} ({about(own)})"]
     for scene, rival in zip(scenes[1:], result.rivals, strict=True):
         moves = {p.name: rival.values[p.name] - p.value for p in result.parameters}
         name = max(result.parameters, key=lambda p: abs(moves[p.name]) / p.ruler_error).name
         moved = f"{name} {moves[name]:+.2g} {units.get(name, '')}".rstrip()
-        shares.append(f"{scene} ({_about(rival.probability)}; {moved})")
+        shares.append(f"{scene} ({about(rival.probability)}; {moved})")
     output.say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
-
-
-def _about(probability: float) -> str:
-    """Return a probability in tens of per cent, since it is no better known."""
-    return f"about {10 * max(round(10 * probability), 1)} %"
 
 
 def fixed_numbers(result: "ps.Calibration", units: Mapping[str, str]) -> Iterator[str]:
@@ -220,8 +210,6 @@ def _write_copy(
     session: PhotoSession, staged: Path, values: Mapping[str, str], out: Path, remark: str = ""
 ) -> None:
     """Write a scene with other defaults; without any, see that it loads from where it lies."""
-    from periscopy_sim.calibration.calibrated_scene import write_copy
-
     try:
         write_copy(session.scenario.document, values, staged, remark)
         if not values:  # values that the scene took load from anywhere
@@ -237,6 +225,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
+    from periscopy_sim.model.residual import percentages
 
     size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
@@ -252,7 +241,16 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         session.doubt(*solution.doubts, advice="look_at_silhouette")
         session.write(json, solution.record())
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
-    show_silhouette(solution)
+    for row in solution.opaque:
+        output.say("  " + "".join("##" if cell else " ." for cell in row))
+    output.say(f"the photograph shows the shadows of {solution.seen.sum()} of these cells")
+    if solution.starts:
+        output.say("silhouette and image may both be shifted, against each other")
+    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
+    if solution.doubts:
+        output.conclude(sentence("distrusted_silhouette"), "red")
+    else:
+        output.conclude(sentence("silhouette", without=without, with_it=with_it), "green")
 
 
 def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None:
@@ -298,20 +296,3 @@ def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None
         output.conclude(sentence("kept"), "yellow")
     else:
         output.conclude(sentence("trusted", before=before, after=after), "green")
-
-
-def show_silhouette(solution: "ps.Silhouette") -> None:
-    """Print what the mask looks like and whether to trust it."""
-    from periscopy_sim.model.residual import percentages
-
-    for row in solution.opaque:
-        output.say("  " + "".join("##" if cell else " ." for cell in row))
-    cells, seen = solution.opaque.size, solution.seen.sum()
-    output.say(f"of {cells} cells the photograph shows the shadows of {seen}")
-    if solution.starts:
-        output.say("silhouette and image may both be shifted, against each other")
-    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
-    if solution.doubts:
-        output.conclude(sentence("distrusted_silhouette"), "red")
-    else:
-        output.conclude(sentence("silhouette", without=without, with_it=with_it), "green")
