@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,10 @@ class Session(options.OptionGroup):
     `settings` its entries about the method and the light, `record` those about what was read.
     """
 
+    pixels: ClassVar[tuple[int, int] | None] = None  # those of the scene's film
+    patches: ClassVar[tuple[int, int]] = 1, 1  # of each surface, where no image is recovered
     scene: options.SceneArgument
-    hidden: options.Hidden  # none: a patch for each surface, where no image is recovered
+    hidden: options.Hidden
     define: options.Define = None
     seed: options.Seed = 0
     camera: options.Cameras = None
@@ -90,8 +92,8 @@ class Session(options.OptionGroup):
             scene = ps.load_scene(self.path, self.definitions)
             if len(scene.emission) > 1:
                 check_file_names(self.path, "hidden surface", scene.emission)
-            sizes = self.sizes or dict.fromkeys(scene.emission, (1, 1))
-            return ps.load_scenario(scene, sizes, camera=self.sensor)
+            sizes = self.sizes or dict.fromkeys(scene.emission, self.patches)
+            return ps.load_scenario(scene, sizes, photograph=self.pixels, camera=self.sensor)
 
     @property
     def sensor(self) -> str:

@@ -1,6 +1,5 @@
 """`periscopy lab`, a scene from a ruler's numbers, and `periscopy draw`, that scene to scale."""
 
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -52,16 +51,7 @@ def draw(
     session.check_shadows()
 
 
-PATCHES = 18, 24
-"""Of each hidden surface, as many as shadows need."""
-
-
 class _Trial(Session):
-    """A session of few pixels and patches."""
+    """A session of few pixels and patches: as many as shadows need."""
 
-    @cached_property
-    def scenario(self) -> ps.Scenario:
-        """The scene, loaded at first use."""
-        scene = ps.load_scene(self.path, self.definitions)
-        sizes = dict.fromkeys(scene.emission, PATCHES)
-        return ps.load_scenario(scene, sizes, photograph=(64, 64), camera=self.sensor)
+    pixels, patches = (64, 64), (18, 24)

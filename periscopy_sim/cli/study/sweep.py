@@ -27,7 +27,6 @@ from periscopy_sim.storage.outputs.places import mirrored
 from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256, sha256_of
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
-from periscopy_sim.storage.outputs.store import attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -174,38 +173,21 @@ def sweep(
             draw_sweep(file, results, metadata=session.metadata)
     _show_means(results)
     medians = {name: float(np.median(each)) for name, each in seconds.items() if each}
-    show_table(
-        ([name, f"{median:.2g} s"] for name, median in medians.items()),
-        ["method", "median time of a core for a photograph"],
-    )
+    times = [[name, f"{median:.2g} s"] for name, median in medians.items()]
+    show_table(times, ["method", "median time of a core for a photograph"])
     computed = sum(map(len, seconds.values()))
     say(f"computed {computed} of {results['failure'].size} results")
     record(seconds=medians, computed=computed, results=results["failure"].size)
     by_default = light.model is None and light.samples is None
     checked = [n for n in names if not (by_default and n in METHODS and METHODS[n].rays)]
     _check_transport(session, results.sel(algorithm=checked), worlds.noise)
-    held = attributes_of(out / "sweep.zarr")["axes"]
-    if more := [axis for axis, values in held.items() if len(values) > results.sizes[axis]]:
-        say(
-            f"sweep.csv and sweep.png have these values alone; sweep.zarr has others of "
-            f"{', '.join(more)}, too, which 'periscopy plot' shows"
-        )
     written(*(out / name for name in RESULTS))
 
 
 def _check_transport(session: WallSession, results: "xr.Dataset", noise: float) -> None:
-    """Warn where an A errs more than the noise, or that of one line was made in several ways."""
-    from periscopy_sim.evaluation.sweep import LIGHT
-
+    """Warn where an A errs more than the noise."""
     for name in results["algorithm"].values.tolist():
         of_method = results.sel(algorithm=name)
-        rays = of_method["transport_samples"].fillna(0)
-        if bool((rays.max(LIGHT) != rays.min(LIGHT)).any()):
-            numbers = ", ".join(f"{each:g}" for each in np.unique(rays) if each)
-            session.warn(
-                f"{name}: A of earlier cells has other rays to a patch, of {numbers}, since the "
-                "photographs had more noise; see 'samples' in sweep.csv, or name another --out"
-            )
         each = of_method.stack(each=of_method["failure"].dims)
         worst = each.isel(each=int(each["transport_error"].fillna(0).values.argmax()))
         samples, error = (float(worst[f"transport_{n}"]) for n in ("samples", "error"))
@@ -237,9 +219,7 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
         raise ps.PeriscopyError(f"--truth {','.join(entries)}: give that of --photograph alone")
     shown = {Path(file).stem: {surface: file} for file in files}
     if len(shown) < len(files):
-        raise ps.PeriscopyError(
-            f"{flag} {','.join(entries)}: two pictures have one name; rename one"
-        )
+        raise ps.PeriscopyError(f"{flag} {listed}: two pictures have one name; rename one")
     return shown
 
 

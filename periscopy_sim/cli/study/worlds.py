@@ -202,15 +202,11 @@ class Worlds:
             true, assumed = (self._session({axis: value}, of).scenario for of in ("", ASSUMED))
         except SceneError as error:
             raise SceneError(f"--vary {axis}={value}: {error}") from error
-        if [*true.hidden] != [*self.hidden]:
+        shapes = true.photograph_shape, assumed.photograph_shape
+        if [*true.hidden] != [*self.hidden] or shapes[0] != shapes[1]:
             raise PeriscopyError(
-                f"--vary {axis}={value}: its hidden surfaces are {', '.join(true.hidden)}, not "
-                f"{', '.join(self.hidden)}; give scenes whose surfaces have the same ids"
-            )
-        if assumed.photograph_shape != true.photograph_shape:
-            raise PeriscopyError(
-                f"--vary {axis}={value}: the scene has photographs of {true.photograph_shape} "
-                f"pixels, the assumed one of {assumed.photograph_shape}; leave the film as it is"
+                f"--vary {axis}={value}: vary neither the ids of hidden surfaces "
+                f"({', '.join(true.hidden)}) nor the film of the assumed scene alone"
             )
 
     @property
