@@ -55,45 +55,23 @@ OF_SCENE = "scene", "hidden"
 class Worlds:
     """Makes the world of values of some axes, from parts that a folder keeps.
 
-    Attributes
-    ----------
-    session, light
-        The scene, and the light that is modelled, where no axis changes them.
-    out
-        The folder; worlds of other values have folders of their own in it.
-    shown
-        Hidden images, each of the names of its surfaces' pictures by id, by its name.
-    photographs
-        Those given, by the same names; others are path traced.
-    ambient
-        Ambient light by name: a photograph, None for a shipped condition, which is path traced.
-    flips
-        Whether each is also flipped about each axis.
-    methods
-        Their names.
-    noise
-        Of the photographs, over the mean of the monitor's light, at its least.
-    conditions, conditions_of
-        See `periscopy_sim.evaluation.world.WorldMaker`.
-    calibrates
-        Whether an axis says what methods know, so that they may calibrate.
-    keep
-        Called when all that a world needs is in its folder.
+    Worlds of other values have folders of their own in it. Of `conditions` and `conditions_of` see
+    `periscopy_sim.evaluation.world.WorldMaker`.
     """
 
-    session: WallSession
-    light: Light
+    session: WallSession  # the scene, where no axis changes it
+    light: Light  # modelled, where no axis changes it
     out: Path
-    shown: Mapping[str, Mapping[str, str]]
-    photographs: Mapping[str, Photograph]
-    ambient: Mapping[str, Array | None]
-    flips: bool
+    shown: Mapping[str, Mapping[str, str]]  # hidden images: each surface's picture, by id
+    photographs: Mapping[str, Photograph]  # those given, by the same names; others are path traced
+    ambient: Mapping[str, Array | None]  # None: a shipped condition, which is path traced
+    flips: bool  # whether each ambient light is also flipped about each axis
     methods: Sequence[str]
-    noise: float
+    noise: float  # of the photographs, over the mean of the monitor's light, at its least
     conditions: Mapping[str, Any]
     conditions_of: Mapping[str, Mapping[str, Any]]
-    calibrates: bool = False
-    keep: Callable[[], None] = lambda: None
+    calibrates: bool = False  # whether an axis says what methods know, so that they may calibrate
+    keep: Callable[[], None] = lambda: None  # called when a world's parts are in its folder
     _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
     _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
     _plans: "dict[Any, dict[str, TransportPlan]]" = field(default_factory=dict, init=False)
