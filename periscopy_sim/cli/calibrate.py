@@ -248,7 +248,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         output.say("silhouette and image may both be shifted, against each other")
     without, with_it = percentages(solution.unexplained_open, solution.unexplained)
     if solution.doubts:
-        output.conclude(sentence("distrusted_silhouette"), "red")
+        output.conclude(sentence("distrusted", what="silhouette"), "red")
     else:
         output.conclude(sentence("silhouette", without=without, with_it=with_it), "green")
 
@@ -289,7 +289,7 @@ def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None
         if result.assumes_colours and result.trusted:
             output.say(sentence("assumed_colours"))
     if not result.trusted:
-        output.conclude(sentence("distrusted"), "red")
+        output.conclude(sentence("distrusted", what="calibration"), "red")
     elif result.rivals:
         output.conclude(sentence("rival", count=len(result.rivals)), "yellow")
     elif not result.moved:

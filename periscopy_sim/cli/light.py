@@ -116,10 +116,9 @@ class Light(MonitorLight):
     def __post_init__(self) -> None:
         super().__post_init__()
         for source in self.sources:
-            if source != GRID and not source.lower().endswith(".npy"):
+            is_file = source.lower().endswith(".npy") and Path(source).is_file()
+            if source != GRID and not is_file:
                 raise ps.PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
-            if source != GRID and not Path(source).is_file():
-                raise ps.PeriscopyError(f"--light-model {source}: no such file")
 
     @property
     def sources(self) -> list[str]:
@@ -145,11 +144,6 @@ class Light(MonitorLight):
         from periscopy_sim.storage.transport_matrix import read_prototypes
 
         pixels = scenario.transport_shape[0]
-        return np.hstack(
-            [
-                ps.point_light_backgrounds(scenario)
-                if source == GRID
-                else read_prototypes(Path(source), pixels)
-                for source in self.sources
-            ]
-        )
+        made = {GRID: ps.point_light_backgrounds(scenario)} if GRID in self.sources else {}
+        files = {each: read_prototypes(Path(each), pixels) for each in self.sources if each != GRID}
+        return np.hstack([{**made, **files}[source] for source in self.sources])

@@ -46,14 +46,13 @@ SENTENCES = {
     "trusted": "The calibration is trusted: {after} % unexplained, {before} % before.",
     "kept": "No significant improvement; the measured values are kept.",
     "rival": "The calibration is trusted, but the image may lie elsewhere ({count} other scenes).",
-    "distrusted": "Do not trust this calibration.",
+    "distrusted": "Do not trust this {what}.",
     "look_at_numbers": (
         "Look at the picture. Measure again what is named above, free fewer parameters (--free), "
         "leave out what is not bare wall (--mask), or add a photograph with the monitor off "
         "(--monitor-off)."
     ),
     "silhouette": "The silhouette is trusted: {with_it} % unexplained, {without} % without it.",
-    "distrusted_silhouette": "Do not trust this silhouette.",
     "look_at_silhouette": (
         "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
         "(--shown), move the shape's plane (-D), draw its rectangle closer, or take fewer --cells."

@@ -35,13 +35,9 @@ class _MakesByDefault(CommandGroup):
 
 
 app = typer.Typer(
-    name="dataset",
-    cls=_MakesByDefault,
-    add_completion=False,
-    context_settings=HELP,
-    help="Make, check and export a data set of photographs.",
-    pretty_exceptions_enable=False,
-)
+    name="dataset", cls=_MakesByDefault, add_completion=False, context_settings=HELP,
+    help="Make, check and export a data set of photographs.", pretty_exceptions_enable=False,
+)  # fmt: skip
 
 
 @app.command("make", cls=Command)

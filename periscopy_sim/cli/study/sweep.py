@@ -135,19 +135,12 @@ def sweep(
         "scene": {name: scene_sha256(ps.find_scene(str(name))) for name in axes.get("scene", ())},
     }
     worlds = Worlds(
-        session=session,
-        light=light,
-        out=out,
-        shown=shown,
+        session=session, light=light, out=out, shown=shown, flips=flips, methods=names,
         photographs={} if wall is None else dict.fromkeys(shown, wall),
         ambient={name: measured.get(name) for name in lights},
-        flips=flips,
-        methods=names,
         noise=noise_to_signal(max(decibels), max(ratios)),
-        conditions={"settings": settings},
-        conditions_of=sources,
-        calibrates=KNOWN in axes,
-    )
+        conditions={"settings": settings}, conditions_of=sources, calibrates=KNOWN in axes,
+    )  # fmt: skip
     worlds.check(axes)
     with (
         resumed_folder(out, settings, "sweep", (CELLS, *RESULTS, *RENDERED), VARIED),
@@ -155,14 +148,9 @@ def sweep(
     ):
         worlds = replace(worlds, out=rendered, keep=send)
         whole = sweeps.Sweep(
-            world=worlds,
-            sbrs=ratios,
-            snrs=decibels,
-            seeds=range(seeds),
-            seed=session.seed,
-            vary=axes,
-            units=worlds.units(axes),
-        )
+            world=worlds, sbrs=ratios, snrs=decibels, seeds=range(seeds), seed=session.seed,
+            vary=axes, units=worlds.units(axes),
+        )  # fmt: skip
         seconds: dict[str, list[float]] = {name: [] for name in names}
         with progress("sweeping") as report:
             results = sweeps.run_sweep(

@@ -139,14 +139,11 @@ class Worlds:
             names = ",".join(map(str, paths))
             raise PeriscopyError(f"--vary scene={names}: two scenes have one name; rename one")
         declared = [document, *map(read_document, paths)]
-        numbers = [
-            name for name in document.defaults
-            if all(name in each.defaults and name not in each.errors for each in declared)
-        ]  # fmt: skip
-        options = {
-            f"{name}.{option.name}": (name, option.name)
-            for name in self.methods if name in METHODS for option in METHODS[name].options
-        }  # fmt: skip
+        errors_of = {error for each in declared for error in each.errors}
+        common = set.intersection(*({*each.defaults} for each in declared)) - errors_of
+        numbers = [name for name in document.defaults if name in common]
+        taken = ((name, each) for name in self.methods for each in FOR_STILLS.get(name, ()))
+        options = {f"{name}.{each.name}": (name, each.name) for name, each in taken}
         is_known = not {*axes.get(KNOWN, ())} - {TRUE}
         if is_known and DRAW in axes:
             raise PeriscopyError(f"--vary {DRAW}: also --vary {KNOWN}={TRUE},{RULER},{CALIBRATED}")
