@@ -119,6 +119,8 @@ def find_parameters(
     session: CalibrationSession, out: Path, free: str | None, uncertain: list[str]
 ) -> None:
     """Find parameters; write the scene that has them, JSON and a picture."""
+    from periscopy_sim.calibration.calibrate import calibrate
+    from periscopy_sim.calibration.search import ASIDES
     from periscopy_sim.figures.calibration import draw_calibration
 
     document = session.scenario.document
@@ -128,10 +130,6 @@ def find_parameters(
     colours = {"colour_matrix": session.colours.matrix} if session.colours else {}
     outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
     with output.output_files(*outputs, inputs=session.inputs) as (scene, json, png):
-        with output.progress("loading"):  # takes seconds
-            from periscopy_sim.calibration.calibrate import calibrate
-            from periscopy_sim.calibration.search import ASIDES
-
         asides = [out.with_stem(f"{out.stem}_aside{k + 1}") for k in range(ASIDES)]
         spare_inputs(asides, session.inputs)
         files = session.read()

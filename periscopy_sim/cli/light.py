@@ -78,15 +78,15 @@ class MonitorLight(options.OptionGroup):
             return bounces_of_words(self.bounces)
 
     def plan(
-        self, scenario: ps.Scenario, noise: float, seed: int = 0, method: str = DEFAULT
+        self, scenario: ps.Scenario, noise: float | None, seed: int = 0, method: str = DEFAULT
     ) -> "TransportPlan":
         """Choose how A is made for a method and photographs of some noise; see `plan_transport`."""
-        from periscopy_sim.rendering.transport.plan import plan_transport
+        from periscopy_sim.rendering.transport.plan import NOISE, plan_transport
 
         ways: dict[Model | None, By] = {Model.analytic: "areas", Model.rendered: "rays"}
         wants_rays = method in METHODS and METHODS[method].rays and self.model is None
         by, samples = ways.get(self.model), self.samples or (SAMPLES if wants_rays else None)
-        return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
+        return plan_transport(scenario, noise or NOISE, by=by, samples=samples, seed=seed)
 
     def transport(
         self, scenario: ps.Scenario, plan: "TransportPlan", seed: int, strata: Strata = "jittered"

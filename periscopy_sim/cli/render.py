@@ -112,11 +112,9 @@ def transport(session: Session, light: MonitorLight, out: options.OutFile) -> No
     The command writes an (M, N) float32 NPY file and a JSON file. Where light bounces, the NPY
     file holds the mean of the channels' matrices, and an NPZ file their differences from it.
     """
-    from periscopy_sim.rendering.transport.plan import NOISE
-
     options.require_suffix(out, ".npy", "the matrix")
     session.check_scene()
-    plan = light.plan(session.scenario, NOISE, session.seed)
+    plan = light.plan(session.scenario, None, session.seed)
     write_transport(session, light, plan, out)
 
 

@@ -210,11 +210,10 @@ class Session(options.OptionGroup):
         warning says where the error of A exceeds it.
         """
         from periscopy_sim.rendering.transport.bounced import channels_mean
-        from periscopy_sim.rendering.transport.plan import NOISE
         from periscopy_sim.storage import transport_matrix as files
 
         if matrix is None:
-            plan = light.plan(self.scenario, noise or NOISE, self.seed, method)
+            plan = light.plan(self.scenario, noise, self.seed, method)
             A, origin = light.transport(self.scenario, plan, self.seed, strata), plan.origin
         else:
             A = files.read_transport(matrix, self.scenario, light.most_bounces)

@@ -160,9 +160,8 @@ class Worlds:
                     f"{ASSUMED}NAME"
                 )
             words = [each for each in values if not np.isfinite(number_of(str(each)))]
-            unit = document.units.get(axis.removeprefix(ASSUMED), "")
             for value in words or values:
-                _check_value(axis, value, options.get(axis), unit)
+                _check_value(axis, value, options.get(axis))
             if axis in (KNOWN, *OF_SCENE, *numbers, *assumed):
                 self._check_scene(axis, values[0])
                 self._check_scene(axis, values[-1])
@@ -362,7 +361,7 @@ def _uncertain(
     return ps.uncertain_transport(scenario, errors)
 
 
-def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: str) -> None:
+def _check_value(axis: str, value: Any, option: tuple[str, str] | None) -> None:
     """Raise a PeriscopyError for a value that an axis cannot have."""
     words: dict[str, Sequence[str]] = {KNOWN: (TRUE, RULER, CALIBRATED), "model": [*Model]}
     if axis == "scene":
@@ -374,8 +373,7 @@ def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: st
         if value not in words[axis]:
             raise PeriscopyError(f"--vary {axis}={value}: there are {', '.join(words[axis])}")
     elif not isinstance(value, float):
-        form = f"numbers in {unit}" if unit else "numbers"
-        raise PeriscopyError(f"--vary {axis}={value}: write {form} without units, or 0:1:5")
+        raise PeriscopyError(f"--vary {axis}={value}: write numbers without units, or 0:1:5")
     elif kind := {DRAW: "seed", "samples": "rays"}.get(axis):
         if not (value.is_integer() and in_range(kind, value)):
             limits = "{} to {}".format(*RANGES[kind])
