@@ -143,6 +143,10 @@ _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
 _EACH = "Of several views one for each --camera, in their order."
 IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden); of several surfaces ID=IMAGE, repeated"
+_DEFINE = "Set one of the scene's <default>s; repeatable."
+_RESUMED = "Folder of results; the same command resumes there."
+_STORE = "Made or continued; or a URL, as s3://a/b."
+_SCHEDULER = "A Dask scheduler, instead of this machine."
 _HIDDEN = "Size of the hidden image in patches: 29x36; of several surfaces ID=29x36, repeated."
 _VIEWS = "of several views CAMERA=FILE, repeated."
 _MASK = f"A picture of the photograph's size; its black pixels are not used; {_VIEWS}"
@@ -168,10 +172,7 @@ _SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient lig
 SceneArgument = Annotated[str, argument("SCENE", _SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
 Hidden = Annotated[list[str], option("[ID=]ROWSxCOLUMNS", _HIDDEN, group=SCENE)]
-Define = Annotated[
-    list[str] | None,
-    option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
-]
+Define = Annotated[list[str] | None, option("NAME=VALUE", _DEFINE, "-D", group=SCENE)]
 Cameras = Annotated[list[str] | None, option("ID", _CAMERA, "--camera", group=SCENE)]
 PhotoArguments = Annotated[list[Path], argument("PHOTO", f"{_PHOTO} {_EACH}", exists=True)]
 FilesOfViews = list[Path] | None
@@ -190,9 +191,7 @@ MatricesOption = Annotated[
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
-ResumedFolder = Annotated[
-    Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
-]
+ResumedFolder = Annotated[Path, option("FOLDER", _RESUMED, group=OUTPUT)]
 
 
 def place_of(text: str) -> Path:
@@ -203,17 +202,12 @@ def place_of(text: str) -> Path:
         raise typer.BadParameter(str(error)) from error
 
 
-Store = Annotated[
-    Path,
-    option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place_of),
-]
+Store = Annotated[Path, option("FOLDER", _STORE, group=OUTPUT, parser=place_of)]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]
 Snr = Annotated[float, option("DB", _SNR, kind="decibels")]
 OptionalSnr = Annotated[float | None, option("DB", _SNR, kind="decibels")]
-Scheduler = Annotated[
-    str | None, option("ADDRESS", "A Dask scheduler, instead of this machine.", group=EXPERT)
-]
+Scheduler = Annotated[str | None, option("ADDRESS", _SCHEDULER, group=EXPERT)]
 
 
 def example_of(module: str, what: str) -> Any:

@@ -12,7 +12,7 @@ from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options, output
 from periscopy_sim.cli.light import Light, check_memory
-from periscopy_sim.cli.options import OUTPUT
+from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
@@ -28,6 +28,7 @@ _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
     "values. [default: all that have a declared or calibrated error]"
 )
+_ERRORS = "NAME[=ERROR],...|none"
 _TRUTH = f"Hidden image, if known: {options.IMAGE}."
 OPTIONAL = [
     *("certainty.png", "comparison.png", "residual*.png", "stages.png", "space.png", "hidden.glb"),
@@ -48,10 +49,8 @@ def reconstruct(
     out: options.Out,
     method: options.MethodOption = DEFAULT,
     numbers: options.StillNumbers,
-    truth: Annotated[list[str] | None, options.option("[ID=]IMAGE", _TRUTH, group=OUTPUT)] = None,
-    uncertain: Annotated[
-        str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
-    ] = None,
+    truth: Annotated[list[str] | None, option("[ID=]IMAGE", _TRUTH, group=OUTPUT)] = None,
+    uncertain: Annotated[str | None, option(_ERRORS, _UNCERTAIN, group=options.SCENE)] = None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall.
 

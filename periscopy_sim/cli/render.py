@@ -22,7 +22,8 @@ _TARGET = "Relative error of a pixel of ambient light to reach."
 TargetOption = Annotated[float, option("NUMBER", _TARGET, kind="error")]
 _IMAGE = "The hidden image: a file, or a shipped one."
 _OF_EACH = "Image of a hidden surface; repeatable."
-_SAMPLES = "Camera samples a pixel."
+_SAMPLES, _SBR = "Camera samples a pixel.", "Signal-to-background ratio."
+_NAMES = "Scene files or shipped conditions."
 _AMBIENT = "Ambient light to add: a photograph or a shipped condition."
 
 
@@ -34,9 +35,7 @@ def photograph(
     out: options.OutFile,
     samples: Annotated[int, option("NUMBER", _SAMPLES, kind="camera samples", group=LIGHT)] = 4096,
     ambient: Annotated[str | None, option("LIGHT", _AMBIENT, group=LIGHT)] = None,
-    sbr: Annotated[
-        float | None, option("RATIO", "Signal-to-background ratio.", kind="ratio", group=LIGHT)
-    ] = None,
+    sbr: Annotated[float | None, option("RATIO", _SBR, kind="ratio", group=LIGHT)] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
     target: TargetOption = 3e-4,
@@ -77,9 +76,7 @@ def photograph(
 def ambient(
     scene: options.SceneOption,
     out: options.ResumedFolder,
-    names: Annotated[
-        list[str] | None, argument("NAME", "Scene files or shipped conditions.")
-    ] = None,
+    names: Annotated[list[str] | None, argument("NAME", _NAMES)] = None,
     target: TargetOption = 3e-4,
     seed: options.Seed = 0,
     define: options.Define = None,
@@ -98,10 +95,8 @@ def ambient(
         metadata = read_exr(file)[1]
         parts = float(metadata["relative_error"]), float(metadata["brightness_error"])
         errors[file.stem] = float(np.hypot(*parts))
-    show_table(
-        ([name, f"{error:.1e}"] for name, error in errors.items()),
-        ["light", "relative error of a pixel"],
-    )
+    rows = [[name, f"{error:.1e}"] for name, error in errors.items()]
+    show_table(rows, ["light", "relative error of a pixel"])
     record(relative_error=errors)
     written(*files)
 

@@ -22,11 +22,11 @@ from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.pictures import write_png
 
 Files = list[Path] | None
-Black = Annotated[
-    float, option("VALUE", "Black level of the camera, subtracted.", group=PHOTOGRAPH, kind="level")
-]
+_BLACK = "Black level of the camera, subtracted."
+Black = Annotated[float, option("VALUE", _BLACK, group=PHOTOGRAPH, kind="level")]
 _DARK = "Photograph with the lens covered, subtracted; repeatable."
 Dark = Annotated[Files, option("FILE", _DARK, group=PHOTOGRAPH, exists=True)]
+_PHOTOS, _BIN = "Photographs of one exposure, averaged.", "Set the film to blocks of K x K pixels."
 _FLAT = "Photograph of an evenly lit white surface, divided by; repeatable."
 _MASK = "Picture of the photograph's or film's size, black off wall."
 _WHITE = "Saturation value. [default: from the file]"
@@ -37,9 +37,7 @@ Tags = Annotated[Path | None, option("FILE.csv", _TAGS, group=PHOTOGRAPH, exists
 
 
 def prepare(
-    photos: Annotated[
-        list[Path], argument("PHOTO", "Photographs of one exposure, averaged.", exists=True)
-    ],
+    photos: Annotated[list[Path], argument("PHOTO", _PHOTOS, exists=True)],
     scene: options.SceneOption,
     out: options.OutFile,
     black: Black = 0.0,
@@ -49,9 +47,7 @@ def prepare(
     points: Points = None,
     tags: Tags = None,
     mask: Annotated[Path | None, option("FILE", _MASK, exists=True)] = None,
-    bin_by: Annotated[
-        int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", kind="side")
-    ] = None,
+    bin_by: Annotated[int | None, option("K", _BIN, "--bin", kind="side")] = None,
     define: options.Define = None,
 ) -> None:
     """Bring a camera's photograph to the scene's pixels.

@@ -18,6 +18,7 @@ from periscopy_sim.storage.outputs.store import attributes_of
 if TYPE_CHECKING:
     import xarray as xr
 
+_SWEEP = "What 'periscopy sweep' wrote."
 _METRIC = (
     "psnr, psnr_plain, psnr_registered, mean_squared_error, ssim, covered_1, covered_2; of "
     "calibrations trusted, within_1, within_3, error.NUMBER, claimed.NUMBER."
@@ -33,9 +34,7 @@ PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 
 def plot(
-    folder: Annotated[
-        Path, argument("SWEEP", "What 'periscopy sweep' wrote.", parser=options.place_of)
-    ],
+    folder: Annotated[Path, argument("SWEEP", _SWEEP, parser=options.place_of)],
     out: Annotated[Path, option("FILE", _OUT, group=OUTPUT)],
     metric: Annotated[str, option("NAME", _METRIC)] = "psnr",
     over: Annotated[str, option("AXIS", _OVER)] = "",
