@@ -48,8 +48,7 @@ def check_memory(
     if available is not None and needed > available:
         raise ps.PeriscopyError(
             f"{rows} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
-            f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
-            "(--hidden)"
+            f"{available / 1e9:.1f} GB; average pixels (prepare --bin), or take a coarser --hidden"
         )
     if own and patches > spectral_basis.MOST_PATTERNS:
         values = {"patches": patches, "memory": needed / 1e9, "seconds": seconds}

@@ -422,7 +422,5 @@ def parse_indices(text: str, count: int) -> list[int]:
         first = int(part[1])
         indices += range(first, min(int(part[2]) + 1, count)) if part[2] else [first]
     if not (indices and all(parts)):
-        raise PeriscopyError(
-            f"'{text}': write numbers and ranges of the {count} samples, such as 0,5,8-11"
-        )
+        raise PeriscopyError(f"'{text}': write numbers and ranges of {count} samples, as 0,5,8-11")
     return list(dict.fromkeys(indices))

@@ -68,9 +68,7 @@ def reconstruct(
     if several:
         able = [name for name, entry in METHODS.items() if entry.views]
         if method not in able:
-            raise ps.PeriscopyError(
-                f"--method {method}: it takes one view; several take {', '.join(able)}"
-            )
+            raise ps.PeriscopyError(f"--method {method}: several views take {', '.join(able)}")
         _, *others = (view.scenario for view in views.values())
         check_memory(session.scenario, method, others)
     errors = options.known_errors(text, session.scenario.document) if text else {}

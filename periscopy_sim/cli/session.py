@@ -47,10 +47,8 @@ def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
     """Reject ids of a scene's hidden surfaces or cameras that cannot be parts of files' names."""
     for name in names:
         if not re.fullmatch(r"[\w.-]+", name):
-            raise ps.PeriscopyError(
-                f"scene '{path}': {what} '{name}' names files of results; give it an "
-                "id of letters, digits, '_', '-' and '.'"
-            )
+            form = "letters, digits, '_', '-' and '.'"
+            raise ps.PeriscopyError(f"scene '{path}': {what} '{name}': give it an id of {form}")
 
 
 @dataclass(eq=False)
@@ -162,9 +160,7 @@ class Session(options.OptionGroup):
         if len(pairs) < len(entries) or pairs.keys() != hidden.keys():
             form = ", ".join(f"{name}=..." for name in hidden)
             wrong = "".join(f" {name}=..." for name in pairs if name not in hidden)
-            raise ps.PeriscopyError(
-                f"{flag}{wrong}: name each of the scene's hidden surfaces once: {form}"
-            )
+            raise ps.PeriscopyError(f"{flag}{wrong}: name each hidden surface once: {form}")
         return pairs
 
     def hidden_image(self, names: str | Mapping[str, str]) -> Any:

@@ -48,10 +48,8 @@ def plot(
     require_all(*SWEEP)
     if out.suffix in TABLES and (over or panels):
         raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
-    if out.suffix not in (*PICTURES, *TABLES):
-        raise OutputError(
-            f"--out {out}: name a file that ends in {', '.join((*PICTURES, *TABLES))}"
-        )
+    if out.suffix not in (endings := (*PICTURES, *TABLES)):
+        raise OutputError(f"--out {out}: name a file that ends in {', '.join(endings)}")
     held = options.parse_definitions(at, "--at")
     texts = {axis: options.parse_list("--at", values) for axis, values in held.items()}
     axis, equals, value = reference.rpartition("=")

@@ -253,9 +253,8 @@ class Worlds:
 
     def _light(self, values: Mapping[str, Any]) -> Light:
         """Return the light that is modelled at values of axes."""
-        return replace(
-            self.light, **{n: of(values[n]) for n, of in OF_LIGHT.items() if n in values}
-        )
+        varied = {name: of(values[name]) for name, of in OF_LIGHT.items() if name in values}
+        return replace(self.light, **varied)
 
     def _settings(self, values: Mapping[str, Any], method: str) -> dict[str, float]:
         """Return a method's options at values of axes."""
