@@ -21,21 +21,22 @@ EXTRA_OF = {
 """The extra that brings each library."""
 
 
-def installation(extra: str) -> str:
-    """Return the command that installs an extra: `periscopy` on PyPI is another project."""
-    return f"in a copy of the repository: pip install -e '.[{extra}]'"
+def installation(*extras: str) -> str:
+    """Return the command that installs extras: `periscopy` on PyPI is another project."""
+    return f"in a copy of the repository: pip install -e '.[{','.join(extras)}]'"
 
 
-def missing(module: str) -> str:
-    """Return one line that says which extra brings a module."""
-    return f"this needs {module}, which is not installed; {installation(EXTRA_OF[module])}"
+def missing(*modules: str) -> str:
+    """Return one line that says which extras bring modules."""
+    are = "are" if modules[1:] else "is"
+    extras = dict.fromkeys(EXTRA_OF[module] for module in modules)
+    return f"this needs {', '.join(modules)}, which {are} not installed; {installation(*extras)}"
 
 
-def require_all() -> None:
-    """Raise a PeriscopyError for a module of `SWEEP` that is not installed; none is imported."""
-    for module in SWEEP:
-        if find_spec(module) is None:
-            raise PeriscopyError(missing(module))
+def require_all(*modules: str) -> None:
+    """Raise a PeriscopyError that names all modules that are not installed; none is imported."""
+    if lacking := [module for module in modules if find_spec(module) is None]:
+        raise PeriscopyError(missing(*lacking))
 
 
 def require(module: str) -> Any:

@@ -3,11 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli import output
 from periscopy_sim.cli.messages import sentence
@@ -18,10 +19,7 @@ from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.storage.outputs.staging import spare_inputs
 
-if TYPE_CHECKING:
-    from periscopy_sim.calibration.result import Calibration
-    from periscopy_sim.calibration.silhouette.result import Silhouette
-
+_PHOTO = "One or more photographs, between which only the monitor's picture changed."
 _SHOWN = (
     "Picture that the monitor showed in the first photograph; repeat for the second, and so on. "
     "The pictures of further photographs are unknown. Of several surfaces: ID=IMAGE,ID=IMAGE."
@@ -46,14 +44,7 @@ _OUT = (
 class CalibrationSession(PhotoSession):
     """Photographs of one laboratory, pictures shown in the first ones, and what goes with them."""
 
-    photo: Annotated[
-        list[Path],
-        argument(
-            "PHOTO",
-            "One or more photographs, between which only the monitor's picture changed.",
-            exists=True,
-        ),
-    ]
+    photo: Annotated[list[Path], argument("PHOTO", _PHOTO, exists=True)]
     shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
 
     @property
@@ -67,19 +58,16 @@ class CalibrationSession(PhotoSession):
         self.check_lights()
         wall = self.wall(self.photo[0])
         others = [self.photograph(file, wall.mask) for file in self.photo[1:]]
+        several = len(self.scenario.hidden) > 1
+        shown = [text.split(",") if several else [text] for text in self.shown or ()]
         return {
             "photograph": [wall, *others],
             "scene": self.scenario.scene,
             "hidden": self.sizes,
             "camera": self.sensor,
-            "shown": [self.picture(text) for text in self.shown or ()],
+            "shown": [self.hidden_image(self.by_surface(each, "--shown")) for each in shown],
             "seed": self.seed,
         }
-
-    def picture(self, text: str) -> Any:
-        """Read what the hidden surfaces showed in a photograph."""
-        entries = text.split(",") if len(self.scenario.hidden) > 1 else [text]
-        return self.hidden_image(self.by_surface(entries, "--shown"))
 
     def doubt(self, *reasons: str, advice: str) -> None:
         """Warn of reasons not to trust a result, if there are any, and advise."""
@@ -112,14 +100,14 @@ def calibrate(
     that you should not trust is written, too, with a warning and "trusted": false.
     """
     arguments.require_suffix(out, ".xml", "the scene")
-    if silhouette is None and cells is not None:
-        raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
     if silhouette is None:
+        if cells is not None:
+            raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
         find_parameters(session, out, free, uncertain or [])
-    elif free or uncertain or session.colour_matrix:
-        names = "--free, --uncertain and --colour-matrix"
-        raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {names}")
     else:
+        if free or uncertain or session.colour_matrix:
+            names = "--free, --uncertain and --colour-matrix"
+            raise SceneError(f"--silhouette finds a form, and all numbers stay; leave out {names}")
         find_silhouette(session, out, silhouette, cells)
 
 
@@ -131,6 +119,8 @@ def find_parameters(
     session: CalibrationSession, out: Path, free: str | None, uncertain: list[str]
 ) -> None:
     """Find parameters; write the scene that has them, JSON and a picture."""
+    from periscopy_sim.calibration.calibrate import calibrate
+    from periscopy_sim.calibration.search import ASIDES
     from periscopy_sim.figures.calibration import draw_calibration
 
     document = session.scenario.document
@@ -140,10 +130,6 @@ def find_parameters(
     colours = {"colour_matrix": session.colours.matrix} if session.colours else {}
     outputs = out, out.with_suffix(".json"), out.with_suffix(".png")
     with output.output_files(*outputs, inputs=session.inputs) as (scene, json, png):
-        with output.progress("loading"):  # takes seconds
-            from periscopy_sim.calibration.calibrate import calibrate
-            from periscopy_sim.calibration.search import ASIDES
-
         asides = [out.with_stem(f"{out.stem}_aside{k + 1}") for k in range(ASIDES)]
         spare_inputs(asides, session.inputs)
         files = session.read()
@@ -160,10 +146,10 @@ def find_parameters(
         session.doubt(*result.doubts, *reasons, advice="look_at_numbers")
         session.write(json, result.record() | colours)
         draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
-    beside = asides[: len(result.rivals)]
-    with output.output_files(*beside) as staged:
-        for rival, aside, file in zip(result.rivals, beside, staged, strict=True):
-            _write_copy(session, file, _written(result, rival.values), aside, remark)
+        beside = asides[: len(result.rivals)]
+        with output.output_files(*beside) as staged:  # last: all files are whole by then
+            for rival, aside, file in zip(result.rivals, beside, staged, strict=True):
+                _write_copy(session, file, _written(result, rival.values), aside, remark)
     for stale in asides[len(beside) :]:
         stale.unlink(missing_ok=True)
     show_calibration(result, document.units)
@@ -171,7 +157,7 @@ def find_parameters(
         say_rivals(result, [out, *beside], document.units, outputs[-1])
 
 
-def _written(result: "Calibration", values: Mapping[str, float]) -> dict[str, str]:
+def _written(result: "ps.Calibration", values: Mapping[str, float]) -> dict[str, str]:
     """Return free parameters' values, and the covariance about them, as a scene file has them."""
     known = result.scene_covariance
     known = replace(known, values=np.array([*values.values(), *known.values[len(values) :]]))
@@ -179,27 +165,25 @@ def _written(result: "Calibration", values: Mapping[str, float]) -> dict[str, st
 
 
 def say_rivals(
-    result: "Calibration", scenes: Sequence[Path], units: Mapping[str, str], picture: Path
+    result: "ps.Calibration", scenes: Sequence[Path], units: Mapping[str, str], picture: Path
 ) -> None:
     """Print how likely each place of the image is, and which number differs most there."""
     from periscopy_sim.calibration.search import SURE
 
+    def about(probability: float) -> str:  # which is no better known
+        return f"about {10 * max(round(10 * probability), 1)} %"
+
     own = 1 - sum(rival.probability for rival in result.rivals)
-    shares = [f"{scenes[0]} ({_about(own)})"]
+    shares = [f"{scenes[0]} ({about(own)})"]
     for scene, rival in zip(scenes[1:], result.rivals, strict=True):
         moves = {p.name: rival.values[p.name] - p.value for p in result.parameters}
         name = max(result.parameters, key=lambda p: abs(moves[p.name]) / p.ruler_error).name
         moved = f"{name} {moves[name]:+.2g} {units.get(name, '')}".rstrip()
-        shares.append(f"{scene} ({_about(rival.probability)}; {moved})")
+        shares.append(f"{scene} ({about(rival.probability)}; {moved})")
     output.say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
 
 
-def _about(probability: float) -> str:
-    """Return a probability in tens of per cent, since it is no better known."""
-    return f"about {10 * max(round(10 * probability), 1)} %"
-
-
-def fixed_numbers(result: "Calibration", units: Mapping[str, str]) -> Iterator[str]:
+def fixed_numbers(result: "ps.Calibration", units: Mapping[str, str]) -> Iterator[str]:
     """Yield a sentence on the fixed numbers whose errors move the result most."""
     from periscopy_sim.model.residual import with_error
 
@@ -224,8 +208,6 @@ def _write_copy(
     session: PhotoSession, staged: Path, values: Mapping[str, str], out: Path, remark: str = ""
 ) -> None:
     """Write a scene with other defaults; without any, see that it loads from where it lies."""
-    from periscopy_sim.calibration.calibrated_scene import write_copy
-
     try:
         write_copy(session.scenario.document, values, staged, remark)
         if not values:  # values that the scene took load from anywhere
@@ -239,9 +221,9 @@ def _write_copy(
 
 def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: str | None) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
-    from periscopy_sim.calibration.silhouette.recover import recover_silhouette
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
+    from periscopy_sim.model.residual import percentages
 
     size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
@@ -250,17 +232,26 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     with output.output_files(*outputs, inputs=session.inputs) as (scene, ply, json, png):
         files, doing = session.read(), "find the silhouette"
         with session.timed(doing), output.fixable("--silhouette"), output.progress(doing) as report:
-            solution = recover_silhouette(shape=shape, cells=size, progress=report, **files)
+            solution = ps.recover_silhouette(shape=shape, cells=size, progress=report, **files)
         origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         session.doubt(*solution.doubts, advice="look_at_silhouette")
         session.write(json, solution.record())
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
-    show_silhouette(solution)
+    for row in solution.opaque:
+        output.say("  " + "".join("##" if cell else " ." for cell in row))
+    output.say(f"the photograph shows the shadows of {solution.seen.sum()} of these cells")
+    if solution.starts:
+        output.say("silhouette and image may both be shifted, against each other")
+    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
+    if solution.doubts:
+        output.conclude(sentence("distrusted", what="silhouette"), "red")
+    else:
+        output.conclude(sentence("silhouette", without=without, with_it=with_it), "green")
 
 
-def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
+def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None:
     """Print the parameters with their units, the gain and the colours, and whether to trust."""
     from periscopy_sim.calibration.result import DeterminedBy
     from periscopy_sim.model.residual import percentages, with_error
@@ -296,27 +287,10 @@ def show_calibration(result: "Calibration", units: Mapping[str, str]) -> None:
         if result.assumes_colours and result.trusted:
             output.say(sentence("assumed_colours"))
     if not result.trusted:
-        output.conclude(sentence("distrusted"), "red")
+        output.conclude(sentence("distrusted", what="calibration"), "red")
     elif result.rivals:
         output.conclude(sentence("rival", count=len(result.rivals)), "yellow")
     elif not result.moved:
         output.conclude(sentence("kept"), "yellow")
     else:
         output.conclude(sentence("trusted", before=before, after=after), "green")
-
-
-def show_silhouette(solution: "Silhouette") -> None:
-    """Print what the mask looks like and whether to trust it."""
-    from periscopy_sim.model.residual import percentages
-
-    for row in solution.opaque:
-        output.say("  " + "".join("##" if cell else " ." for cell in row))
-    cells, seen = solution.opaque.size, solution.seen.sum()
-    output.say(f"of {cells} cells the photograph shows the shadows of {seen}")
-    if solution.starts:
-        output.say("silhouette and image may both be shifted, against each other")
-    without, with_it = percentages(solution.unexplained_open, solution.unexplained)
-    if solution.doubts:
-        output.conclude(sentence("distrusted_silhouette"), "red")
-    else:
-        output.conclude(sentence("silhouette", without=without, with_it=with_it), "green")

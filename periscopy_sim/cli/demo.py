@@ -18,6 +18,7 @@ from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.formats.exr import write_exr
 
+_PIXELS, _EFFORT = "Pixels along each side.", "Fraction of the path tracer's samples."
 METHODS = {"preconditioned": "the paper's method", "noise-aware": "noise-aware method"}
 """The methods compared, and how the picture calls them."""
 
@@ -25,13 +26,9 @@ METHODS = {"preconditioned": "the paper's method", "noise-aware": "noise-aware m
 def demo(
     out: options.Out,
     hidden: Annotated[str, option("ROWSxCOLUMNS", "Patches of the hidden image.")] = "29x36",
-    resolution: Annotated[
-        int, option("NUMBER", "Pixels along each side.", kind="resolution")
-    ] = 126,
+    resolution: Annotated[int, option("NUMBER", _PIXELS, kind="resolution")] = 126,
     seed: options.Seed = 0,
-    effort: Annotated[
-        float, option("NUMBER", "Fraction of the path tracer's samples.", kind="effort")
-    ] = 1.0,
+    effort: Annotated[float, option("NUMBER", _EFFORT, kind="effort")] = 1.0,
 ) -> None:
     """Photograph a shipped scene, and recover its hidden image."""
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"

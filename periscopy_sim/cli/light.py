@@ -12,7 +12,6 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.output import fixable, progress, say
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import machine
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.transport.kernel import Strata
@@ -47,10 +46,9 @@ def check_memory(
     needed = 0.6e9 + own + (entry.bytes_per_entry if method else 4) * pixels * patches
     available = machine.available_memory()
     if available is not None and needed > available:
-        raise PeriscopyError(
+        raise ps.PeriscopyError(
             f"{rows} pixels x {patches} patches need {needed / 1e9:.1f} GB of memory, of "
-            f"{available / 1e9:.1f} GB; average pixels (prepare --bin) or choose fewer patches "
-            "(--hidden)"
+            f"{available / 1e9:.1f} GB; average pixels (prepare --bin), or take a coarser --hidden"
         )
     if own and patches > spectral_basis.MOST_PATTERNS:
         values = {"patches": patches, "memory": needed / 1e9, "seconds": seconds}
@@ -79,15 +77,15 @@ class MonitorLight(options.OptionGroup):
             return bounces_of_words(self.bounces)
 
     def plan(
-        self, scenario: ps.Scenario, noise: float, seed: int = 0, method: str = DEFAULT
+        self, scenario: ps.Scenario, noise: float | None, seed: int = 0, method: str = DEFAULT
     ) -> "TransportPlan":
         """Choose how A is made for a method and photographs of some noise; see `plan_transport`."""
-        from periscopy_sim.rendering.transport.plan import plan_transport
+        from periscopy_sim.rendering.transport.plan import NOISE, plan_transport
 
         ways: dict[Model | None, By] = {Model.analytic: "areas", Model.rendered: "rays"}
         wants_rays = method in METHODS and METHODS[method].rays and self.model is None
         by, samples = ways.get(self.model), self.samples or (SAMPLES if wants_rays else None)
-        return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
+        return plan_transport(scenario, noise or NOISE, by=by, samples=samples, seed=seed)
 
     def transport(
         self, scenario: ps.Scenario, plan: "TransportPlan", seed: int, strata: Strata = "jittered"
@@ -117,8 +115,9 @@ class Light(MonitorLight):
     def __post_init__(self) -> None:
         super().__post_init__()
         for source in self.sources:
-            if source != GRID and not source.lower().endswith(".npy"):
-                raise PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
+            is_file = source.lower().endswith(".npy") and Path(source).is_file()
+            if source != GRID and not is_file:
+                raise ps.PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
 
     @property
     def sources(self) -> list[str]:
@@ -137,18 +136,13 @@ class Light(MonitorLight):
         """Reject a light model for a method that takes no B."""
         without = [name for name in names if name in METHODS and not METHODS[name].backgrounds]
         if self.light_model and without:
-            raise PeriscopyError(f"--light-model: {without[0]} models no ambient light; drop it")
+            raise ps.PeriscopyError(f"--light-model: {without[0]} models no ambient light; drop it")
 
     def backgrounds(self, scenario: ps.Scenario) -> Any:
         """Return B, (M, L): Eq. 4's, or read."""
         from periscopy_sim.storage.transport_matrix import read_prototypes
 
         pixels = scenario.transport_shape[0]
-        return np.hstack(
-            [
-                ps.point_light_backgrounds(scenario)
-                if source == GRID
-                else read_prototypes(Path(source), pixels)
-                for source in self.sources
-            ]
-        )
+        made = {GRID: ps.point_light_backgrounds(scenario)} if GRID in self.sources else {}
+        files = {each: read_prototypes(Path(each), pixels) for each in self.sources if each != GRID}
+        return np.hstack([{**made, **files}[source] for source in self.sources])

@@ -8,13 +8,9 @@ if TYPE_CHECKING:
 
 SENTENCES = {
     "no_hidden_image": (
-        "the photograph hardly shows a hidden image: its light is no more than noise; check that "
-        "the monitor was on and that the scene is the photograph's"
+        "the photograph hardly shows a hidden image; check that the monitor was on, and the scene"
     ),
-    "wall_gain": (
-        "the monitor's light over the wall is {low:.2f} to {high:.2f} times the scene's; the image "
-        "allows for this smooth gain"
-    ),
+    "wall_gain": "the image allows for a gain over the wall of {low:.2f} to {high:.2f}",
     "place": (
         "If the scene's numbers err as declared, the image may sit ± {most:.1f} patches from its "
         "place; the photograph cannot show this."
@@ -43,84 +39,62 @@ SENTENCES = {
     "measure": "Measure it again.",
     "declare": "Declare the errors of its numbers (<default>s), and run calibrate.",
     "fine": (
-        "The rest differs from pixel to pixel: grain of a rendering (photograph --samples), or "
-        "uneven paint (--monitor-off)."
+        "The rest differs by pixels: grain (photograph --samples) or uneven paint (--monitor-off)."
     ),
     "default_method": "Try the default method.",
     "defects": "{name}: excluded pixels that do not measure the wall ({defects})",
     "trusted": "The calibration is trusted: {after} % unexplained, {before} % before.",
     "kept": "No significant improvement; the measured values are kept.",
     "rival": "The calibration is trusted, but the image may lie elsewhere ({count} other scenes).",
-    "distrusted": "Do not trust this calibration.",
+    "distrusted": "Do not trust this {what}.",
     "look_at_numbers": (
         "Look at the picture. Measure again what is named above, free fewer parameters (--free), "
         "leave out what is not bare wall (--mask), or add a photograph with the monitor off "
         "(--monitor-off)."
     ),
     "silhouette": "The silhouette is trusted: {with_it} % unexplained, {without} % without it.",
-    "distrusted_silhouette": "Do not trust this silhouette.",
     "look_at_silhouette": (
         "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
-        "(--shown), move the plane in which it is sought (-D), draw its rectangle closer, or ask "
-        "for fewer --cells."
+        "(--shown), move the shape's plane (-D), draw its rectangle closer, or take fewer --cells."
     ),
     "rivals": (
         "the image may lie a patch aside: {scenes}. calibrate moves it above {least:.0f} % only; "
         "compare the images in {picture}"
     ),
-    "any_place": (
-        "the numbers and the image may be displaced together by whole patches: only a known "
-        "picture (--shown) fixes the place"
-    ),
+    "any_place": "only a known picture (--shown) fixes the image's place to less than a patch",
     "assumed_colours": (
-        "the colour matrix rests in part on published matrices of cameras; a picture of many "
-        "colours (blocks) and smaller errors of the scene determine it"
+        "the colour matrix rests in part on published ones; show a picture of many colours (blocks)"
     ),
-    "no_derivatives": (
-        "{scene} has no closed form: the standard errors do not count the errors that it declares"
-    ),
+    "no_derivatives": "{scene} has no closed form: the standard errors ignore its declared errors",
     "transport_error": (
-        "{name} by {model} has an error of {error:.3g} % of the light, more than the noise of "
-        "{noise:.3g} %"
+        "{name} by {model} errs by {error:.3g} % of the light, more than the noise of {noise:.3g} %"
     ),
     "fine_grid": (
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory; after A, "
         "the fit takes {seconds:.0f} s or more on two cores, and the standard errors as long"
     ),
-    "hardly_seen": (
-        "{name}, if white, sends {share:.2g} % of the light, and noise hides up to {least:.2g} %: "
-        "the photograph hardly shows it"
-    ),
     "swapped": (
         "{name}: patches of {given} (rows x columns) are {ratio:.2g} times as wide as high, those "
         "of {other} nearly square: check the order"
     ),
+    "hardly_seen": "the photograph hardly shows {name}: {percent:.2g} % of the light, if white",
     "no_rank": (
         "A has almost no rank beside the grain of {samples} rays, in which P loses {percent:.0f} % "
         "of a white image; use the method noise-aware, or more --samples"
     ),
-    "glossy": (
-        "{scene}: {names} ({materials}) without an emitter counts as diffuse; its image is wrong "
-        "if what it sends depends on direction"
-    ),
+    "glossy": "{scene}: {names} ({materials}) counts as diffuse, and the image may be wrong",
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
     "other_lights": (
-        "{scene}: the light of {names} is not in A; it counts as ambient light (to recover it, "
-        "give its shape an id that begins with 'hidden')"
+        "{scene}: {names}: ambient light; to recover it, begin its shape's id with 'hidden'"
     ),
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "uncounted": (
-        "{scene}: the standard errors ignore the calibration's ({names} changed since); pass "
+        "{scene}: {names} changed since the calibration, so its errors do not count; pass "
         "--uncertain"
     ),
-    "untrusted": (
-        "{scene}: its calibration is unreliable, and so are the image's place and its standard "
-        "errors"
-    ),
+    "untrusted": "{scene}: its calibration is unreliable, and so are the image and its errors",
     "no_best": "no point is best: no scene determines all patches; choose fewer (--hidden)",
-    "empty_splits": (
-        "no geometry is for {splits}: make more samples, or choose a smaller samples_per_geometry"
-    ),
+    "empty_splits": "no geometry is for {splits}: make more samples, or lower samples_per_geometry",
 }
 """By the code of a `Note`, or the code that a command gives."""
 

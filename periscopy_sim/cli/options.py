@@ -3,7 +3,7 @@
 import inspect
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +17,7 @@ from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
+from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.outputs.places import place
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -56,6 +57,32 @@ def in_range(kind: str, *values: float) -> bool:
     return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
 
 
+def _existing_files(value: list[Path] | None) -> list[Path] | None:
+    """Return the entries ``[CAMERA=]FILE`` of an option; an error if a file does not exist."""
+    for entry in value or ():
+        _, equals, name = str(entry).partition("=")
+        if not (entry.exists() or (equals and Path(name).exists())):
+            raise typer.BadParameter(f"path '{name or entry}' does not exist.")
+    return value
+
+
+def _existing_images(value: Any) -> Any:
+    """Return the entries ``[ID=]IMAGE,...``, some of them folders; an error if one is missing."""
+    for entry in [value] if isinstance(value, str) else value or ():
+        for each in [entry] if Path(entry).exists() else entry.split(","):
+            name = each if Path(each).exists() else each.split("=", 1)[-1]
+            if not Path(name).is_dir():
+                find_image(name.strip())
+    return value
+
+
+def _callback_of(form: str) -> Callable[[Any], Any] | None:
+    """Return what looks for the files of an option of this form, before a scene is loaded."""
+    if "IMAGE" in form:
+        return _existing_images
+    return _existing_files if "CAMERA=" in form else None
+
+
 def option(
     form: str,
     words: str,
@@ -70,6 +97,7 @@ def option(
     `limits` are of its number, or of its kind in `RANGES`.
     """
     words = words.replace("[", r"\[")  # rich takes a bracket for the start of a style
+    more.setdefault("callback", _callback_of(form))
     if limits := RANGES[kind] if kind else limits:
         least, most = limits
 
@@ -84,7 +112,7 @@ def option(
 
 def argument(form: str, words: str, **more: Any) -> Any:
     """Return an argument: the form of its value, its help in words, the rest as typer takes it."""
-    return typer.Argument(metavar=form, help=words, **more)
+    return typer.Argument(metavar=form, help=words, callback=_callback_of(form), **more)
 
 
 class OptionGroup:
@@ -115,6 +143,10 @@ _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
 _EACH = "Of several views one for each --camera, in their order."
 IMAGE = "a name, a picture, EXR, NPY or NPZ (key hidden); of several surfaces ID=IMAGE, repeated"
+_DEFINE = "Set one of the scene's <default>s; repeatable."
+_RESUMED = "Folder of results; the same command resumes there."
+_STORE = "Made or continued; or a URL, as s3://a/b."
+_SCHEDULER = "A Dask scheduler, instead of this machine."
 _HIDDEN = "Size of the hidden image in patches: 29x36; of several surfaces ID=29x36, repeated."
 _VIEWS = "of several views CAMERA=FILE, repeated."
 _MASK = f"A picture of the photograph's size; its black pixels are not used; {_VIEWS}"
@@ -140,10 +172,7 @@ _SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient lig
 SceneArgument = Annotated[str, argument("SCENE", _SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
 Hidden = Annotated[list[str], option("[ID=]ROWSxCOLUMNS", _HIDDEN, group=SCENE)]
-Define = Annotated[
-    list[str] | None,
-    option("NAME=VALUE", "Set one of the scene's <default>s; repeatable.", "-D", group=SCENE),
-]
+Define = Annotated[list[str] | None, option("NAME=VALUE", _DEFINE, "-D", group=SCENE)]
 Cameras = Annotated[list[str] | None, option("ID", _CAMERA, "--camera", group=SCENE)]
 PhotoArguments = Annotated[list[Path], argument("PHOTO", f"{_PHOTO} {_EACH}", exists=True)]
 FilesOfViews = list[Path] | None
@@ -162,9 +191,7 @@ MatricesOption = Annotated[
 ]
 LightModelOption = Annotated[list[str] | None, option("grid|FILE.npy", _LIGHT_MODEL, group=LIGHT)]
 Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
-ResumedFolder = Annotated[
-    Path, option("FOLDER", "Folder of results; the same command resumes there.", group=OUTPUT)
-]
+ResumedFolder = Annotated[Path, option("FOLDER", _RESUMED, group=OUTPUT)]
 
 
 def place_of(text: str) -> Path:
@@ -175,17 +202,12 @@ def place_of(text: str) -> Path:
         raise typer.BadParameter(str(error)) from error
 
 
-Store = Annotated[
-    Path,
-    option("FOLDER", "Made or continued; or a URL, as s3://a/b.", group=OUTPUT, parser=place_of),
-]
+Store = Annotated[Path, option("FOLDER", _STORE, group=OUTPUT, parser=place_of)]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]
 Snr = Annotated[float, option("DB", _SNR, kind="decibels")]
 OptionalSnr = Annotated[float | None, option("DB", _SNR, kind="decibels")]
-Scheduler = Annotated[
-    str | None, option("ADDRESS", "A Dask scheduler, instead of this machine.", group=EXPERT)
-]
+Scheduler = Annotated[str | None, option("ADDRESS", _SCHEDULER, group=EXPERT)]
 
 
 def example_of(module: str, what: str) -> Any:
@@ -313,8 +335,6 @@ def files_of_view(
         if camera not in files:
             form = " ".join(f"{flag} {each}=FILE" for each in cameras)
             raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
-        if not Path(name).exists():
-            raise PeriscopyError(f"{flag} {name}: no such file")
         files[camera].append(Path(name))
     return files
 
@@ -402,7 +422,5 @@ def parse_indices(text: str, count: int) -> list[int]:
         first = int(part[1])
         indices += range(first, min(int(part[2]) + 1, count)) if part[2] else [first]
     if not (indices and all(parts)):
-        raise PeriscopyError(
-            f"'{text}': write numbers and ranges of the {count} samples, such as 0,5,8-11"
-        )
+        raise PeriscopyError(f"'{text}': write numbers and ranges of {count} samples, as 0,5,8-11")
     return list(dict.fromkeys(indices))

@@ -8,12 +8,18 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, NoReturn
+
+from rich.box import ROUNDED
+from rich.console import Console
+from rich.markup import escape  # a label may quote names
+from rich.progress import Progress, TimeElapsedColumn
+from rich.table import Column, Table
+from rich.text import Text
 
 from periscopy_sim.errors import PeriscopyError, printable
 from periscopy_sim.numerics.validation import InputError
@@ -58,24 +64,22 @@ class Outcome:
         if self.files:
             say(f"wrote {', '.join(map(str, dict.fromkeys(self.files)))}")
         for line, colour in [] if self.is_silent else self.verdicts:
-            from rich.console import Console
-            from rich.text import Text
-
             Console(highlight=False).print(Text(printable(line), colour), soft_wrap=True)
 
 
-_OUTCOME: ContextVar[Outcome] = ContextVar("_OUTCOME")
+_OUTCOMES: list[Outcome] = []
+"""Of the command at work, and behind it that of its part at work; for all threads."""
 
 
 def outcome() -> Outcome:
     """Return the outcome of the command at work."""
-    return _OUTCOME.get(None) or Outcome()
+    return _OUTCOMES[-1] if _OUTCOMES else Outcome()
 
 
 @contextmanager
 def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
     """Collect the outcome of a command, and show it at the end; after an error only the files."""
-    token = _OUTCOME.set(Outcome(quiet, as_json))
+    _OUTCOMES.append(Outcome(quiet, as_json))
     try:
         yield
     except BaseException:
@@ -84,29 +88,18 @@ def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
     else:
         outcome().show()
     finally:
-        _OUTCOME.reset(token)
+        _OUTCOMES.pop()
 
 
 @contextmanager
 def part_of_command() -> Iterator[Outcome]:
     """Collect the outcome of a command that another one runs, and show none of it."""
     part = replace(outcome(), is_part=True, numbers={}, files=[], verdicts=[])
-    token = _OUTCOME.set(part)
+    _OUTCOMES.append(part)
     try:
         yield part
     finally:
-        _OUTCOME.reset(token)
-
-
-def for_threads(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a function for other threads, which adds to the outcome of the command at work."""
-    present = outcome()
-
-    def called(*values: Any) -> None:
-        _OUTCOME.set(present)
-        function(*values)
-
-    return called
+        _OUTCOMES.pop()
 
 
 def say(message: str, *, is_result: bool = False) -> None:
@@ -121,11 +114,6 @@ def say(message: str, *, is_result: bool = False) -> None:
 
 def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> None:
     """Print rows: on a terminal as a table, else in aligned columns."""
-    from rich.box import ROUNDED
-    from rich.console import Console
-    from rich.table import Column, Table
-    from rich.text import Text
-
     rows = [*rows]
     if not rows or outcome().is_silent or outcome().as_json:
         return
@@ -232,10 +220,6 @@ def progress(
     Yield a function of the fraction done or, given a `unit`, of how many are done and of how many.
     Within the progress of another computation, there is no bar, and no line at the start.
     """
-    from rich.console import Console
-    from rich.markup import escape  # a label may quote names
-    from rich.progress import Progress, TimeElapsedColumn
-
     console, is_hidden = Console(stderr=True), bool(_AT_WORK) or outcome().quiet
     latest = clock()
     if not (is_hidden or console.is_terminal):

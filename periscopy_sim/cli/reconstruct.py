@@ -12,9 +12,8 @@ from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options, output
 from periscopy_sim.cli.light import Light, check_memory
-from periscopy_sim.cli.options import OUTPUT
+from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.session import PhotoSession, Session
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
 from periscopy_sim.figures.space import draw_space
@@ -22,12 +21,14 @@ from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.rendering.variant import is_vectorized
+from periscopy_sim.storage.formats.table import libraries_of
 from periscopy_sim.storage.glb import write_glb
 
 _UNCERTAIN = (
     "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
     "values. [default: all that have a declared or calibrated error]"
 )
+_ERRORS = "NAME[=ERROR],...|none"
 _TRUTH = f"Hidden image, if known: {options.IMAGE}."
 OPTIONAL = [
     *("certainty.png", "comparison.png", "residual*.png", "stages.png", "space.png", "hidden.glb"),
@@ -48,10 +49,8 @@ def reconstruct(
     out: options.Out,
     method: options.MethodOption = DEFAULT,
     numbers: options.StillNumbers,
-    truth: Annotated[list[str] | None, options.option("[ID=]IMAGE", _TRUTH, group=OUTPUT)] = None,
-    uncertain: Annotated[
-        str | None, options.option("NAME[=ERROR],...|none", _UNCERTAIN, group=options.SCENE)
-    ] = None,
+    truth: Annotated[list[str] | None, option("[ID=]IMAGE", _TRUTH, group=OUTPUT)] = None,
+    uncertain: Annotated[str | None, option(_ERRORS, _UNCERTAIN, group=options.SCENE)] = None,
 ) -> None:
     """Recover the hidden image from one photograph of the wall.
 
@@ -69,20 +68,18 @@ def reconstruct(
     if several:
         able = [name for name, entry in METHODS.items() if entry.views]
         if method not in able:
-            raise PeriscopyError(
-                f"--method {method}: it takes one view; several take {', '.join(able)}"
-            )
+            raise ps.PeriscopyError(f"--method {method}: several views take {', '.join(able)}")
         _, *others = (view.scenario for view in views.values())
         check_memory(session.scenario, method, others)
     errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
     if errors and not counts_errors:
-        raise PeriscopyError(f"--uncertain: the method {method} does not support it; leave it out")
+        raise ps.PeriscopyError(f"--uncertain: the method {method} does not support it")
     light.check_methods(method)
     with output.output_folder(out, OPTIONAL) as folder:
         walls, methods = dict[str, ps.Photograph](), dict[str, "StillMethod[Any]"]()
         for (camera, view), file in zip(views.items(), photo, strict=True):
-            view.check_scene(method)
+            view.check_scene(method, *libraries_of(photo))
             walls[camera] = view.wall(file)
         names = session.by_surface(truth, "--truth") if truth else None
         known = names and session.scenario.hidden.images(session.hidden_image(names))
@@ -123,12 +120,13 @@ def reconstruct(
                 file = folder / f"residual_{camera}.png"
                 draw_residual(file, own, walls[camera].values, session.metadata)
         compared = _compare(folder, images, known, shown, session) if known else {}
+        hidden, metrics_of = session.scenario.hidden, next(iter(compared.values()), {})
         summary = {
             "method_sha256": source_sha256(method),
             **_of_views(views, photo, verdicts, reports),
             **report.numbers,
-            "truth": names and session.scenario.hidden.unwrapped(names),
-            **session.by_metric(compared),
+            "truth": names and hidden.unwrapped(names),
+            **{n: hidden.unwrapped({i: compared[i][n] for i in hidden}) for n in metrics_of},
         }
         session.write_summary(folder / "summary.json", summary)
     for note in chain(*(own.notes for own in reports.values() if several), report.notes):

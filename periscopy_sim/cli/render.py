@@ -11,39 +11,31 @@ from periscopy_sim.cli.light import MonitorLight
 from periscopy_sim.cli.options import LIGHT, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs
+from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs, find_condition
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 
 if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
-TargetOption = Annotated[
-    float, option("NUMBER", "Relative error of a pixel of ambient light to reach.", kind="error")
-]
+_TARGET = "Relative error of a pixel of ambient light to reach."
+TargetOption = Annotated[float, option("NUMBER", _TARGET, kind="error")]
+_IMAGE = "The hidden image: a file, or a shipped one."
+_OF_EACH = "Image of a hidden surface; repeatable."
+_SAMPLES, _SBR = "Camera samples a pixel.", "Signal-to-background ratio."
+_NAMES = "Scene files or shipped conditions."
+_AMBIENT = "Ambient light to add: a photograph or a shipped condition."
 
 
 def photograph(
     *,
     session: Annotated[Session, {"hidden": ["29x36"]}],
-    image: Annotated[
-        str | None, argument("IMAGE", "The hidden image: a file, or a shipped one.")
-    ] = None,
-    images: Annotated[
-        list[str] | None, option("ID=IMAGE", "Image of a hidden surface; repeatable.", "--image")
-    ] = None,
+    image: Annotated[str | None, argument("IMAGE", _IMAGE)] = None,
+    images: Annotated[list[str] | None, option("ID=IMAGE", _OF_EACH, "--image")] = None,
     out: options.OutFile,
-    samples: Annotated[
-        int, option("NUMBER", "Camera samples a pixel.", kind="camera samples", group=LIGHT)
-    ] = 4096,
-    ambient: Annotated[
-        str | None,
-        option("LIGHT", "Ambient light to add: a photograph or a shipped condition.", group=LIGHT),
-    ] = None,
-    sbr: Annotated[
-        float | None, option("RATIO", "Signal-to-background ratio.", kind="ratio", group=LIGHT)
-    ] = None,
+    samples: Annotated[int, option("NUMBER", _SAMPLES, kind="camera samples", group=LIGHT)] = 4096,
+    ambient: Annotated[str | None, option("LIGHT", _AMBIENT, group=LIGHT)] = None,
+    sbr: Annotated[float | None, option("RATIO", _SBR, kind="ratio", group=LIGHT)] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
     target: TargetOption = 3e-4,
@@ -51,7 +43,9 @@ def photograph(
     """Path trace a photograph of the wall, as an EXR file."""
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
-        raise PeriscopyError("--ambient and --sbr go together; give both or neither")
+        raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
+    if ambient is not None and not Path(ambient).is_file():
+        ps.find_scene(f"ambient/{ambient}")
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
     hidden = session.scenario.hidden
@@ -82,9 +76,7 @@ def photograph(
 def ambient(
     scene: options.SceneOption,
     out: options.ResumedFolder,
-    names: Annotated[
-        list[str] | None, argument("NAME", "Scene files or shipped conditions.")
-    ] = None,
+    names: Annotated[list[str] | None, argument("NAME", _NAMES)] = None,
     target: TargetOption = 3e-4,
     seed: options.Seed = 0,
     define: options.Define = None,
@@ -94,6 +86,8 @@ def ambient(
     The command path traces each condition and writes NAME.exr.
     """
     chosen = names or CONDITIONS
+    for name in chosen:
+        find_condition(name)
     scenario = Session(scene, [], define).scenario
     ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
     files, errors = [out / f"{Path(name).stem}.exr" for name in chosen], dict[str, float]()
@@ -101,10 +95,8 @@ def ambient(
         metadata = read_exr(file)[1]
         parts = float(metadata["relative_error"]), float(metadata["brightness_error"])
         errors[file.stem] = float(np.hypot(*parts))
-    show_table(
-        ([name, f"{error:.1e}"] for name, error in errors.items()),
-        ["light", "relative error of a pixel"],
-    )
+    rows = [[name, f"{error:.1e}"] for name, error in errors.items()]
+    show_table(rows, ["light", "relative error of a pixel"])
     record(relative_error=errors)
     written(*files)
 
@@ -115,11 +107,9 @@ def transport(session: Session, light: MonitorLight, out: options.OutFile) -> No
     The command writes an (M, N) float32 NPY file and a JSON file. Where light bounces, the NPY
     file holds the mean of the channels' matrices, and an NPZ file their differences from it.
     """
-    from periscopy_sim.rendering.transport.plan import NOISE
-
     options.require_suffix(out, ".npy", "the matrix")
     session.check_scene()
-    plan = light.plan(session.scenario, NOISE, session.seed)
+    plan = light.plan(session.scenario, None, session.seed)
     write_transport(session, light, plan, out)
 
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +20,14 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light, check_memory
 from periscopy_sim.cli.messages import sentence, verdict
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
-from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.scene import CAMERA
-from periscopy_sim.shipped import find_image, find_scene
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
-from periscopy_sim.storage.photographs import read_mask, read_photograph
-from periscopy_sim.storage.pictures import read_hidden_image
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Report, StillMethod
@@ -52,10 +47,8 @@ def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
     """Reject ids of a scene's hidden surfaces or cameras that cannot be parts of files' names."""
     for name in names:
         if not re.fullmatch(r"[\w.-]+", name):
-            raise PeriscopyError(
-                f"scene '{path}': {what} '{name}' names files of results; give it an "
-                "id of letters, digits, '_', '-' and '.'"
-            )
+            form = "letters, digits, '_', '-' and '.'"
+            raise ps.PeriscopyError(f"scene '{path}': {what} '{name}': give it an id of {form}")
 
 
 @dataclass(eq=False)
@@ -66,14 +59,16 @@ class Session(options.OptionGroup):
     `settings` its entries about the method and the light, `record` those about what was read.
     """
 
+    pixels: ClassVar[tuple[int, int] | None] = None  # those of the scene's film
+    patches: ClassVar[tuple[int, int]] = 1, 1  # of each surface, where no image is recovered
     scene: options.SceneArgument
-    hidden: options.Hidden  # none: a patch for each surface, where no image is recovered
+    hidden: options.Hidden
     define: options.Define = None
     seed: options.Seed = 0
     camera: options.Cameras = None
 
     def __post_init__(self) -> None:
-        self.sizes, self.path = options.parse_sizes(self.hidden), find_scene(self.scene)
+        self.sizes, self.path = options.parse_sizes(self.hidden), ps.find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
@@ -95,8 +90,8 @@ class Session(options.OptionGroup):
             scene = ps.load_scene(self.path, self.definitions)
             if len(scene.emission) > 1:
                 check_file_names(self.path, "hidden surface", scene.emission)
-            sizes = self.sizes or dict.fromkeys(scene.emission, (1, 1))
-            scenario = ps.load_scenario(scene, sizes, camera=self.sensor)
+            sizes = self.sizes or dict.fromkeys(scene.emission, self.patches)
+            scenario = ps.load_scenario(scene, sizes, photograph=self.pixels, camera=self.sensor)
         for name, surface in scenario.hidden.items():
             (rows, columns), sides = surface.shape, (surface.across, surface.up)
             across, up = (np.median(np.linalg.norm(each, axis=1)) for each in sides)
@@ -111,7 +106,7 @@ class Session(options.OptionGroup):
         """The id of the sensor that photographs; one alone."""
         first, *others = self.camera or [CAMERA]
         if others:
-            raise PeriscopyError(f"--camera {others[0]}: this command takes one view; give one")
+            raise ps.PeriscopyError(f"--camera {others[0]}: this command takes one view; give one")
         return first
 
     @cached_property
@@ -128,22 +123,16 @@ class Session(options.OptionGroup):
         """[R, C] of the hidden image, of several surfaces by id, for a record."""
         return self.scenario.hidden.unwrapped(self.scenario.hidden.shapes)
 
-    def by_metric(self, by_id: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-        """Return the numbers of each surface by their names, each as a record has it."""
-        first = next(iter(by_id.values()), {})
-        hidden = self.scenario.hidden
-        return {n: hidden.unwrapped({i: by_id[i][n] for i in hidden}) for n in first}
-
     @property
     def metadata(self) -> dict[str, str]:
         """The provenance as text, for the metadata of pictures."""
         return as_text(self.provenance)
 
-    def check_scene(self, method: str = "") -> None:
+    def check_scene(self, method: str = "", *libraries: str) -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         from periscopy_sim.evaluation.methods import check_able
 
-        check_able(method, self.scenario.hidden)
+        check_able(method, self.scenario.hidden, *libraries)
         check_memory(self.scenario, method)
         self.check_lights()
         self.check_shadows()
@@ -179,9 +168,7 @@ class Session(options.OptionGroup):
         if len(pairs) < len(entries) or pairs.keys() != hidden.keys():
             form = ", ".join(f"{name}=..." for name in hidden)
             wrong = "".join(f" {name}=..." for name in pairs if name not in hidden)
-            raise PeriscopyError(
-                f"{flag}{wrong}: name each of the scene's hidden surfaces once: {form}"
-            )
+            raise ps.PeriscopyError(f"{flag}{wrong}: name each hidden surface once: {form}")
         return pairs
 
     def hidden_image(self, names: str | Mapping[str, str]) -> Any:
@@ -191,7 +178,7 @@ class Session(options.OptionGroup):
         """
         hidden = self.scenario.hidden
         by_id = dict.fromkeys(hidden, names) if isinstance(names, str) else names
-        images = {n: read_hidden_image(find_image(by_id[n]), hidden[n].shape) for n in hidden}
+        images = {n: ps.read_hidden_image(ps.find_image(by_id[n]), hidden[n].shape) for n in hidden}
         return hidden.unwrapped(images)
 
     def ambient_light(self, name: str, target: float = 3e-4) -> Array:
@@ -207,7 +194,7 @@ class Session(options.OptionGroup):
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
-        photograph = read_photograph(path, self.scenario.photograph_shape, mask)
+        photograph = ps.read_photograph(path, self.scenario.photograph_shape, mask)
         for warning in photograph.warnings:
             self.warn(warning)
         return photograph
@@ -227,11 +214,10 @@ class Session(options.OptionGroup):
         warning says where the error of A exceeds it.
         """
         from periscopy_sim.rendering.transport.bounced import channels_mean
-        from periscopy_sim.rendering.transport.plan import NOISE
         from periscopy_sim.storage import transport_matrix as files
 
         if matrix is None:
-            plan = light.plan(self.scenario, noise or NOISE, self.seed, method)
+            plan = light.plan(self.scenario, noise, self.seed, method)
             A, origin = light.transport(self.scenario, plan, self.seed, strata), plan.origin
         else:
             A = files.read_transport(matrix, self.scenario, light.most_bounces)
@@ -249,8 +235,7 @@ class Session(options.OptionGroup):
         least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))
         for name, part in self.scenario.hidden.slices.items():
             if (share := float(white[part].sum())) < least:
-                percent = {"share": 100 * share, "least": 100 * least}
-                self.warn(sentence("hardly_seen", name=name, **percent))
+                self.warn(sentence("hardly_seen", name=name, percent=100 * share))
         return A
 
     def check_error(self, origin: Mapping[str, Any], noise: float, name: str = "A") -> None:
@@ -311,7 +296,7 @@ class WallSession(Session):
     def companions(self) -> tuple[Mask | None, dict[str, Array]]:
         """Read the mask, (rows, columns), and photographs with the monitor off, by file name."""
         file, off = self.files()
-        mask = read_mask(file, self.scenario.photograph_shape) if file else None
+        mask = ps.read_mask(file, self.scenario.photograph_shape) if file else None
         monitor_off = {str(each): self.photograph(each, mask).values for each in off}
         self.record |= {"mask": file, "backgrounds": list(monitor_off)}
         self.record["pixels_left_out"] = 0 if mask is None else np.count_nonzero(~mask)
@@ -325,7 +310,7 @@ class WallSession(Session):
 
     def without_defects(self, photograph: ps.Photograph, name: str) -> ps.Photograph:
         """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
-        defects = defective_pixels(photograph)
+        defects = ps.defective_pixels(photograph)
         if defects.any_kind.any():
             self.warn(sentence("defects", name=name, defects=defects))
             photograph = replace(photograph, mask=photograph.pixels & ~defects.any_kind)
@@ -385,13 +370,13 @@ class PhotoSession(WallSession):
         white = others.white(np.flatnonzero(wall.pixels))
         if (kept := float(P.apply(white).mean())) < LEAST_LIGHT:
             lost = sentence("no_rank", samples=samples, percent=100 * min(1 - kept, 1))
-            raise PeriscopyError(f"{self.scene}: {lost}")
+            raise ps.PeriscopyError(f"{self.scene}: {lost}")
 
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
         """Return the session of each photograph's view, by its camera; what they share is one's."""
         cameras = self.camera or [CAMERA]
         if len(photos) != len(cameras) or len({*cameras}) < len(cameras):
-            raise PeriscopyError(
+            raise ps.PeriscopyError(
                 f"photographs: {len(photos)}, cameras: {', '.join(cameras)}; give each photograph "
                 "a --camera of its own, in their order"
             )

@@ -17,7 +17,6 @@ from periscopy_sim.figures import animation
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.shipped import find_image
 from periscopy_sim.storage import sequences
 
 OPTIONAL = (
@@ -26,12 +25,15 @@ OPTIONAL = (
 )
 """Files that depend on the scene, the options and the number of frames."""
 
+_TRUTH = "The hidden images: a folder, an NPY stack, or one image; of several surfaces of each."
+_RATE = "Frames a second of the animation."
+_ALSO = "A further animation; repeatable."
 _FRAMES = "Photographs in time's order: a folder, a Zarr archive, an NPY or NPZ stack."
 
 
 def video(
     *,
-    frames: Annotated[Path, argument("FRAMES", _FRAMES)],
+    frames: Annotated[Path, argument("FRAMES", _FRAMES, exists=True)],
     session: PhotoSession,
     light: Light,
     matrix: options.MatrixOption = None,
@@ -39,19 +41,9 @@ def video(
     method: options.VideoMethodOption = DEFAULT,
     coupling: options.Coupling = "l1",
     numbers: options.VideoNumbers,
-    truth: Annotated[
-        list[str] | None,
-        option(
-            "[ID=]IMAGES",
-            "The hidden images: a folder, an NPY stack, or one image; of several surfaces of each.",
-        ),
-    ] = None,
-    rate: Annotated[
-        float, option("NUMBER", "Frames a second of the animation.", group=OUTPUT, kind="rate")
-    ] = 16.0,
-    also: Annotated[
-        list[str] | None, option("mp4|webm", "A further animation; repeatable.", group=OUTPUT)
-    ] = None,
+    truth: Annotated[list[str] | None, option("[ID=]IMAGES", _TRUTH)] = None,
+    rate: Annotated[float, option("NUMBER", _RATE, group=OUTPUT, kind="rate")] = 16.0,
+    also: Annotated[list[str] | None, option("mp4|webm", _ALSO, group=OUTPUT)] = None,
 ) -> None:
     """Recover a hidden video from photographs of the wall."""
     from periscopy_sim.evaluation import video_metrics
@@ -66,8 +58,11 @@ def video(
     with output_folder(out, OPTIONAL) as folder:
         session.check_scene(method)
         names, photographs, wall = _read(session, frames)
-        shown = session.by_surface(truth, "--truth") if truth else {}
-        known = {n: _frames_of(session, n, images, len(names)) for n, images in shown.items()}
+        shown, known = session.by_surface(truth, "--truth") if truth else {}, dict[str, Image]()
+        for surface, text in shown.items():
+            path = Path(text) if Path(text).is_dir() else ps.find_image(text)
+            size = session.scenario.hidden[surface].shape
+            known[surface] = np.stack([*sequences.read_hidden_frames(path, size, len(names))])
         still = session.fit(method, for_still, light, matrix, wall)
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
@@ -75,23 +70,23 @@ def video(
             report = still.report(wall, first)
             verdict = session.judge(f"{frames}, first frame", report)
         flat = np.concatenate([f.reshape(len(f), -1, f.shape[-1]) for f in images.values()], axis=1)
-        text, white = session.metadata, animation.white_of(flat)
+        metadata, white = session.metadata, animation.white_of(flat)
         walls = np.where(wall.pixels[..., np.newaxis], photographs, np.nan)
         with session.timed("draw"):
             for of, name in named("", {name: name for name in known}).items():
                 video_metrics.compare(records, images[name], known[name], of)
             if known:
                 sheet = folder / "frames_sheet.png"
-                animation.draw_sheet(sheet, walls, known, images, text)
+                animation.draw_sheet(sheet, walls, known, images, metadata)
             for stem, stack in named("frames", images).items():
                 np.save(folder / f"{stem}.npy", stack)
                 with progress("drawing the frames") as drawn:
-                    animation.draw_frames(folder / stem, stack, white, text, drawn)
+                    animation.draw_frames(folder / stem, stack, white, metadata, drawn)
             for ending in formats:
                 with progress(f"drawing the animation as {ending}") as drawn:
                     file = folder / f"video.{ending}"
-                    animation.draw_video(file, walls, images, known, white, rate, text, drawn)
-        draw_residual(folder / "residual.png", report, photographs[0], text)
+                    animation.draw_video(file, walls, images, known, white, rate, metadata, drawn)
+        draw_residual(folder / "residual.png", report, photographs[0], metadata)
         video_metrics.write_table(folder / "metrics.csv", records)
         medians = video_metrics.medians_of(records)
         summary = {
@@ -115,13 +110,6 @@ def video(
         rows.append(["median PSNR against the truth", *psnr])
     show_table(rows, ["", *known] if len(known) > 1 else ())
     conclude(f"first frame: {verdict}", messages.colour(report))
-
-
-def _frames_of(session: PhotoSession, name: str, images: str, count: int) -> Image:
-    """Read what a hidden surface showed, (count, R, C, 3)."""
-    path = Path(images) if Path(images).is_dir() else find_image(images)
-    shape = session.scenario.hidden[name].shape
-    return np.stack([*sequences.read_hidden_frames(path, shape, count)])
 
 
 def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps.Photograph]:

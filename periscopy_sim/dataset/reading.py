@@ -15,7 +15,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from periscopy_sim.errors import DatasetError, OutputError
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.panels import draw_panels
 from periscopy_sim.hidden import named
 from periscopy_sim.storage.formats.exr import write_exr
@@ -183,7 +183,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
     DatasetError
         If the path holds no data set, or one in the making unless `incomplete`.
     """
-    require_all()
+    require_all(*SWEEP)
     import xarray as xr
 
     path = place(path)

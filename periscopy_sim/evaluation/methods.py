@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.extras import require
+from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Image
@@ -31,7 +31,7 @@ from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.registry import METHODS, MethodEntry
+from periscopy_sim.reconstruction.registry import METHODS, MethodEntry, libraries_of
 from periscopy_sim.scenario import Scenario
 
 MethodError = (Exception, SystemExit)
@@ -84,19 +84,19 @@ def find_method(name: str) -> MethodEntry | OwnEntry:
     return OwnEntry(name, factory, "mask" in signature.parameters)
 
 
-def check_able(name: str, hidden: Hidden) -> None:
-    """Raise a PeriscopyError if a method lacks its library or does not support these surfaces."""
+def check_able(name: str, hidden: Hidden, *libraries: str) -> None:
+    """Raise a PeriscopyError if a method does not support these surfaces, or a library is missing.
+
+    These are the method's, and others.
+    """
     entry = METHODS.get(name)
-    if entry is None:
-        return
-    if entry.hidden is not None and [*hidden.shapes.values()] != [entry.hidden]:
+    if entry and entry.hidden is not None and [*hidden.shapes.values()] != [entry.hidden]:
         rows, columns = entry.hidden
         raise PeriscopyError(
             f"method '{name}' learned from one hidden surface of {rows}x{columns} patches alone: "
             "take this size, or train networks of your own (make learned)"
         )
-    if entry.needs:
-        require(entry.needs)
+    require_all(*libraries_of(name), *libraries)
 
 
 def source_sha256(name: str) -> str | None:

@@ -22,7 +22,7 @@ from periscopy_sim.evaluation.metrics import METRICS, measured
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
 from periscopy_sim.evaluation.workers import compute, connect
 from periscopy_sim.evaluation.world import World, WorldMaker
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError
@@ -151,7 +151,7 @@ def run_sweep(
     PeriscopyError
         If the scheduler does not answer, its workers die, or the extra ``sweep`` is not installed.
     """
-    require_all()
+    require_all(*SWEEP)
     folder, worlds, axes = place(folder), sweep.world, sweep.axes
     shapes = named("", worlds.hidden.shapes)
     images = {of: (*shape, worlds.channels) for of, shape in shapes.items()}

@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.evaluation.design import Row, values_of
-from periscopy_sim.figures.style import COLUMN, OKABE_ITO, balanced, drawn, mpl, plain_ticks
+from periscopy_sim.figures.style import (
+    COLUMN,
+    OKABE_ITO,
+    balanced,
+    drawn,
+    log_norm,
+    mpl,
+    plain_ticks,
+    positive,
+)
 from periscopy_sim.numerics import Array
 
 Marked = Sequence[tuple[Row, str]]
@@ -74,7 +83,7 @@ def _draw_curves(
     ax.set(xlabel=words[name], ylabel="standard error, % of white")
     ax.grid(True, axis="y")
     ax.xaxis.set_major_locator(mpl.ticker.MaxNLocator(5))
-    if any(np.isfinite(_percent(rows, number)).any() for number in shown):
+    if any(not np.isnan(positive(_percent(rows, number))).all() for number in shown):
         ax.set_yscale("log")
         plain_ticks(ax.yaxis)
     else:
@@ -96,9 +105,12 @@ def _draw_maps(
     titles = balanced([DRAWN[number] for number in shown], [2.9 / len(shown)] * len(shown))
     for ax, number, title in zip(axes, shown, titles, strict=True):
         ax.set(facecolor=GREY, title=title)
-        values = _percent(rows[1:], number).reshape(len(x), len(y)).T
-        if np.isfinite(values).any():
-            picture = ax.pcolormesh(x, y, values, norm=mpl.colors.LogNorm(), cmap="viridis_r")
+        values = positive(_percent(rows[1:], number)).reshape(len(x), len(y)).T
+        picture = ax.pcolormesh(x, y, values, norm=log_norm(values), cmap="viridis_r")
+        if np.isnan(values).all():
+            middle: Any = {"ha": "center", "va": "center", "transform": ax.transAxes}
+            ax.text(0.5, 0.5, "no finite error\nabove 0", **middle)
+        else:
             bar = figure.colorbar(picture, ax=ax, location="bottom", aspect=12, label="% of white")
             low, high = picture.get_clim()
             ends = [low, np.sqrt(low * high), high]

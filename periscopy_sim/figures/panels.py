@@ -13,8 +13,10 @@ from periscopy_sim.figures.style import (
     PAGE,
     balanced,
     drawn,
+    log_norm,
     mpl,
     plain_ticks,
+    positive,
     wrapped,
 )
 from periscopy_sim.numerics import Array, Image, Mask
@@ -248,21 +250,22 @@ def draw_bounds(
 ) -> None:
     """Draw bounds of the standard errors of patches, by A alone and by [A, B], and their ratio.
 
-    All are (R, C), by the surfaces' ids, white being 1.
+    All are (R, C), by the surfaces' ids, white being 1. What no logarithmic scale shows, as a bound
+    of 0, is hatched, and the caption says so.
     """
-    values = 100 * np.concatenate(
-        [np.ravel(each) for maps in (alone, both) for each in maps.values()]
-    )
-    norm = mpl.colors.LogNorm(float(values.min()), float(values.max()))
+    maps = {name: [100 * positive(each) for each in (alone[name], both[name])] for name in alone}
+    values = np.concatenate([np.ravel(each) for pair in maps.values() for each in pair])
+    norm = log_norm(values)
+    if np.isnan(values).any():
+        caption = f"{caption}; hatched: no bound above 0".removeprefix("; ")
     heights = [1 / proportions(each) for each in alone.values()]
     with drawn(path, metadata, caption) as figure:
         figure.set_size_inches(COLUMN, 1.1 * sum(heights) + 0.3 * len(alone) + BAR * len(alone))
         axes = figure.subplots(len(alone), 3, squeeze=False, height_ratios=heights)
-        for line, name in zip(axes, alone, strict=True):
-            maps = {"A alone": 100 * alone[name], "[A, B]": 100 * both[name]}
-            for ax, (title, percent) in zip(line, maps.items(), strict=False):
+        for line, (name, pair) in zip(axes, maps.items(), strict=True):
+            for ax, title, percent in zip(line, ("A alone", "[A, B]"), pair, strict=False):
                 bounds = show(ax, title, percent, norm=norm, cmap="viridis")
-            ratio = show(line[2], "ratio", both[name] / alone[name], vmin=1)
+            ratio = show(line[2], "ratio", pair[1] / pair[0], vmin=1)
             beneath: dict[str, Any] = {"location": "bottom", "aspect": 12}
             figure.colorbar(ratio, ax=line[2], label="[A, B] over A", **beneath)
             label = "standard error, % of white"

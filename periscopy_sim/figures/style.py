@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from periscopy_sim.numerics import Array
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Figure
 
@@ -108,6 +110,17 @@ def _frame(figure: "Figure", caption: str) -> Any:
         bottom = label.get_window_extent().y0 / figure.dpi - MARGIN
     sides = min(0.0, box.x0), max(width, box.x1)
     return mpl.transforms.Bbox([[sides[0], bottom], [sides[1], box.y1 + MARGIN]])
+
+
+def positive(values: Array) -> Array:
+    """Return what a logarithmic scale shows of values; NaN elsewhere."""
+    return np.where(np.isfinite(values) & (values > 0), values, np.nan)
+
+
+def log_norm(values: Array) -> Any:
+    """Return a logarithmic scale from the least to the largest value above 0; else of 1 to 10."""
+    shown = values[~np.isnan(positive(values))]
+    return mpl.colors.LogNorm(*((shown.min(), shown.max()) if shown.size else (1.0, 10.0)))
 
 
 def plain_ticks(axis: Any) -> None:

@@ -44,14 +44,27 @@ POLICY = (
 """The page's own script alone runs, and no other page may frame it."""
 
 
+def listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens; port 0 takes a free one.
+
+    A PeriscopyError says that the port is taken, or the address is none of this computer.
+    """
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        return socket.create_server(address, family=family)
+    except (OSError, UnicodeError) as error:
+        raise PeriscopyError(
+            f"cannot listen on {host}:{port}: {error}; name another port or host"
+        ) from None
+
+
 class Gate:
     """The server of a page: a listening socket, a token, and the state that all viewers see.
 
-    Port 0 takes a free one. `receive` takes a message of a viewer, decoded, and raises a ValueError
-    if the page offers nothing like it; `leave` is called when a viewer is gone. Both are called in
-    the server's thread, and must be quick. `token` begins every path that the server serves,
-    `rejected` counts connections and messages. A PeriscopyError says that the port is taken, or the
-    address is none of this computer.
+    It listens as `listen` does. `receive` takes a message of a viewer, decoded, and raises a
+    ValueError if the page offers nothing like it; `leave` is called when a viewer is gone. Both are
+    called in the server's thread, and must be quick. `token` begins every path that the server
+    serves, `rejected` counts connections and messages.
     """
 
     def __init__(
@@ -60,13 +73,7 @@ class Gate:
         self._host, self.token = host, secrets.token_urlsafe(16)
         self._receive, self._leave = receive, leave
         self.rejected, self._logged, self._last_line = 0, 0, -1.0
-        try:
-            family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-            self._socket = socket.create_server(address, family=family)
-        except (OSError, UnicodeError) as error:
-            raise PeriscopyError(
-                f"cannot listen on {host}:{port}: {error}; name another port or host"
-            ) from None
+        self._socket = listen(host, port)
         bound, self.port, *_ = self._socket.getsockname()
         self._address = ipaddress.ip_address(bound)
         self._state: dict[str, tuple[int, str]] = {}  # by name: when it changed, and as JSON

@@ -238,6 +238,11 @@ METHODS: Mapping[str, MethodEntry] = _by_name(
 """The methods of the package, by name."""
 
 
+def libraries_of(*names: str) -> list[str]:
+    """Return the libraries of extras that methods need; a user's own needs none."""
+    return [METHODS[each].needs for each in names if each in METHODS and METHODS[each].needs]
+
+
 def installed_methods() -> list[str]:
     """Return the names of the methods whose libraries are installed."""
     return [name for name, entry in METHODS.items() if not entry.needs or find_spec(entry.needs)]

@@ -48,6 +48,15 @@ DATASET = """
  scenes: [{scene: plate, parameters: {resolution: 16}}],
  hidden_images: [{kind: shapes}], ambient: [{kind: lamps}]}
 """
+WARNINGS = {
+    "demo": ["the photograph hardly shows a hidden image"],
+    "watch": ["decoded by the sRGB curve", "saturated: "],
+    "calibrate": ["determines the parameters less well", "fixed numbers", "Look at the picture"],
+    "dataset": ["no geometry is for validation or test"],
+}
+"""Words of each warning that a command prints of these small inputs; the others print none."""
+
+WARNING = "periscopy: warning: "
 EXTRAS = {
     "view": "websockets",
     "watch": "av",
@@ -97,10 +106,19 @@ def test_command_runs_in_a_fresh_process(command, inputs):
             process.send_signal(signal.SIGINT)
         interrupted = time.monotonic()
         said, complaint = process.communicate(timeout=120)
-    assert process.returncode == 0 and "Traceback" not in complaint, complaint
+    assert process.returncode == 0, complaint
+    assert all(line.startswith("periscopy: ") for line in complaint.splitlines()), complaint
+    check_warnings(command, [each for each in complaint.splitlines() if WARNING in each])
     if command == "view":
         assert said == "closed\n" and time.monotonic() - interrupted < 2
     assert "--out" not in WORDS[command] or (inputs / WORDS[command][-1]).exists()
+
+
+def check_warnings(command, lines):
+    """Compare the distinct warnings of a command with those that it must print."""
+    expected, distinct = WARNINGS.get(command, []), [*dict.fromkeys(lines)]
+    assert len(distinct) == len(expected), distinct
+    assert all(words in line for words, line in zip(expected, distinct, strict=True)), distinct
 
 
 KEYS = {
@@ -137,10 +155,12 @@ def test_quiet_prints_nothing_and_json_one_object(command, inputs, periscopy, mo
     )
     assert quiet.code == 0
     assert len(quiet.out.splitlines()) == (command == "watch")  # whose page has an address
-    assert all(line.startswith("periscopy: warning: ") for line in quiet.told.splitlines())
+    assert all(line.startswith(WARNING) for line in quiet.told.splitlines())
+    check_warnings(command, quiet.told.splitlines())
     assert as_json.code == 0 and "\x1b" not in as_json.out + as_json.told
     numbers = json.loads(as_json.out)
     assert {*KEYS.get(command, ()), "files", "warnings"} <= numbers.keys()
     assert bool(numbers["files"]) == writes and all((inputs / f).exists() for f in numbers["files"])
-    warned = [line for line in as_json.told.splitlines() if "warning: " in line]
-    assert {line.removeprefix("periscopy: warning: ") for line in warned} <= {*numbers["warnings"]}
+    verdict = numbers.get("verdict", "none")  # which is among the warnings if it is one
+    check_warnings(command, [w for w in numbers["warnings"] if not w.endswith(verdict)])
+    check_warnings(command, [line for line in as_json.told.splitlines() if WARNING in line])

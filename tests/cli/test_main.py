@@ -9,6 +9,7 @@ import typer
 
 from periscopy_sim import cli
 from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.session import Session
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 SWEEP = ("sweep", "chair", *TINY, "--hidden-image", "bars")
@@ -112,6 +113,53 @@ def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused
     monkeypatch.setattr(Light, "transport", lambda *_: pytest.fail("rendered"))
     sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
     assert "'.[sweep]'" in refused(*sweep, "--out", str(tmp_path / "sweep"))
+
+
+@pytest.mark.parametrize(
+    ("lacking", "extras", "options"),
+    [
+        ("websockets av", "live,video", "watch wall.mkv --scene plate --hidden 3x4"),
+        ("cv2 rawpy", "raw,tags", "prepare wall.dng --scene plate --tags t.csv --out p.exr"),
+        ("xarray zarr torch", "sweep,torch", "sweep plate --hidden 29x36 --hidden-image bars "
+         "--methods unrolled --out s"),
+        ("torch rawpy", "torch,raw", "reconstruct wall.dng --scene plate --hidden 29x36 "
+         "--method unrolled --out o"),
+    ],
+)  # fmt: skip
+def test_all_missing_extras_are_named_at_once(lacking, extras, options, monkeypatch, refused):
+    for name in ("wall.dng", "wall.mkv", "t.csv"):
+        Path(name).touch()
+    for library in lacking.split():
+        monkeypatch.setitem(sys.modules, library, None)
+    line = refused(*options.split())
+    assert f"'.[{extras}]'" in line and all(library in line for library in lacking.split())
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        *(f"reconstruct y.npy --scene plate --{each}" for each in
+          ("mask", "monitor-off", "transport", "colour-matrix", "truth", "light-model")),
+        *(f"calibrate y.npy --scene plate --out c.xml {each}" for each in ("--mask", "--shown")),
+        *(f"prepare y.npy --scene plate --out p.exr {each}" for each in
+          ("--dark", "--flat", "--mask", "--points", "--tags")),
+        *(f"sweep plate --truth bars --photograph {each}" for each in
+          ("", "y.npy --ambient", "y.npy --mask", "y.npy --light-model", "y.npy --truth")),
+        *(f"view plate {each}" for each in ("", "--image", "--ambient", "y.npy --mask")),
+        *(f"video {each}" for each in ("", "y.npy --truth", "y.npy --mask")),
+        *(f"photograph plate --out p.exr {each}" for each in ("", "bars --sbr 1 --ambient")),
+        "analyze plate --mask", "design plate --vary occluder_dx=0:1 --images",
+        "watch . --mask", "ambient --scene plate",
+    ],
+)  # fmt: skip
+def test_missing_file_is_named_before_the_scene_is_loaded(options, monkeypatch, refused):
+    monkeypatch.setattr(Session, "scenario", property(lambda _: pytest.fail("loaded")))
+    Path("y.npy").write_bytes(b"")
+    command, *words = options.split()
+    scene = ("--scene", "plate") if command in ("video", "watch") else ()
+    size = () if command in ("prepare", "ambient") else ("--hidden", "3x4")
+    out = () if "--out" in words or command in ("view", "watch") else ("--out", "out")
+    assert "none.npy" in refused(command, *scene, *size, *out, *words, "none.npy")
 
 
 def test_place_that_cannot_be_written_is_refused_before_anything_is_read(refused):

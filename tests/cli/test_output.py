@@ -10,7 +10,6 @@ from periscopy_sim.cli import output
 from periscopy_sim.cli.output import (
     conclude,
     fixable,
-    for_threads,
     outcome_of,
     part_of_command,
     progress,
@@ -146,7 +145,7 @@ def test_json_is_all_of_standard_output(capfd):
 
 def test_warnings_of_threads_are_in_the_json(capfd):
     with outcome_of(quiet=True, as_json=True):
-        thread = Thread(target=for_threads(warn), args=("the stream ended",))
+        thread = Thread(target=warn, args=("the stream ended",))
         thread.start()
         thread.join()
     assert json.loads(capfd.readouterr().out)["warnings"] == ["the stream ended"]

@@ -110,12 +110,19 @@ def test_wrong_surfaces_are_named(options, offender, scene, refused):
 
 
 def test_photograph_and_transport_are_of_both(scene, succeeds, tmp_path):
-    shown = [word for name in IDS for word in ("--image", f"{name}={name}.npy")]
-    succeeds("photograph", scene, *HIDDEN, *shown, "--samples", "64", "--out", "photo.exr")
-    photograph = ps.read_photograph(tmp_path / "photo.exr", (24, 24)).values
-    y = np.load(tmp_path / "y.npy")
-    assert photograph.mean() == pytest.approx(y.mean(), rel=0.1)
+    two = ps.load_scenario(tmp_path / scene, SIZES)
+    A = ps.transport(two)
+    for lit in IDS:  # the other is black
+        images = {name: image * (name == lit) for name, image in IMAGES.items()}
+        for name, image in images.items():
+            np.save(tmp_path / f"{name}.npy", image)
+        shown = [word for name in IDS for word in ("--image", f"{name}={name}.npy")]
+        succeeds("photograph", scene, *HIDDEN, *shown, "--samples", "64", "--out", "photo.exr")
+        photograph = ps.read_photograph(tmp_path / "photo.exr", (24, 24)).values
+        y = A @ two.hidden.vector(images)
+        assert photograph.mean() == pytest.approx(y.mean(), rel=0.1)
     succeeds("transport", scene, *HIDDEN, "--out", "A.npy")
+    np.testing.assert_array_equal(np.load(tmp_path / "A.npy"), A)
     record = json.loads((tmp_path / "A.json").read_text())
     assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}
     options = ("--scene", scene, *HIDDEN, "--transport", "A.npy", "--out", "out")
@@ -224,6 +231,7 @@ def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp
     succeeds(*given, "--shown", shown, "--out", "found.xml")
     record = json.loads((tmp_path / "found.json").read_text())
     assert record["parameters"]["occluder_dx"]["value"] == pytest.approx(0.004, abs=2e-4)
+    assert np.array(record["colour_matrix"]) == pytest.approx(np.eye(3), abs=0.05)
     assert record["hidden_shape"] == {name: [*size] for name, size in SIZES.items()}
     line = refused(*given, "--shown", "bars", "--out", "no.xml")
     assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")

@@ -109,7 +109,7 @@ def test_commands_take_a_camera(scene, succeeds, tmp_path):
         ("left.npy right.npy --camera left --camera left", "cameras: left, left"),
         (
             "left.npy right.npy --camera left --camera a/../../x",
-            "'a/[./]*x' names files",
+            "'a/[./]*x': give it an id",
         ),
         ("left.npy --camera left --camera right", "photographs: 1, cameras: left, right"),
         ("left.npy right.npy {} --mask left_mask.png", "--mask left=FILE --mask right=FILE"),
@@ -117,9 +117,9 @@ def test_commands_take_a_camera(scene, succeeds, tmp_path):
         ("right.npy left.npy {}", "right.npy: 20 x 26 pixels"),
         (
             "left.npy right.npy {} --method preconditioned",
-            "preconditioned: it takes one view; several take noise-aware",
+            "preconditioned: several views take noise-aware",
         ),
-        ("left.npy right.npy {} --method own.py:Own", "own.py:Own: it takes one view"),
+        ("left.npy right.npy {} --method own.py:Own", "own.py:Own: several views take"),
     ],
 )
 def test_wrong_views_are_named(arguments, offender, scene, refused, tmp_path):

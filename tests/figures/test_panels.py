@@ -71,6 +71,16 @@ def test_bounds_share_one_logarithmic_scale_and_their_ratio_has_its_own(tmp_path
     draw_bounds(tmp_path / "constant.png", constant, constant)
 
 
+@pytest.mark.parametrize("values", [np.zeros((3, 4)), np.full((3, 4), np.inf), np.eye(3)])
+def test_bounds_that_no_scale_shows_are_hatched_and_the_caption_says_so(values, tmp_path, saved):
+    draw_bounds(tmp_path / "bounds.png", {"a": values}, {"a": values}, caption="bounds")
+    assert "bounds; hatched: no bound above 0" in saved[0].get_supxlabel().replace("\n", " ")
+    known = values == 1
+    for ax in saved[0].axes[:3]:
+        np.testing.assert_array_equal(~np.isnan(ax.images[0].get_array().filled(np.nan)), known)
+        assert len(ax.images) == 2  # with the hatching behind
+
+
 def test_unknown_pixels_are_hatched_in_light_and_in_maps(tmp_path, saved):
     light = np.full((6, 8, 3), 0.5)
     light[:3] = np.nan

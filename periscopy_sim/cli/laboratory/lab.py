@@ -1,6 +1,5 @@
 """`periscopy lab`, a scene from a ruler's numbers, and `periscopy draw`, that scene to scale."""
 
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -9,19 +8,17 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, argument, example_of, option, require_suffix
 from periscopy_sim.cli.output import conclude, output_files, progress, written
 from periscopy_sim.cli.session import Session
+from periscopy_sim.figures.laboratory.projections import laboratory_figure
 from periscopy_sim.rendering.variant import require_vectorized
 
+_MEASUREMENTS = "The measurements; see --example."
+_OUT = "The scene's XML file; its meshes are written beside it."
 Example = Annotated[bool, example_of("periscopy_sim.laboratory.document", "commented measurements")]
 
 
 def lab(
-    measurements: Annotated[
-        Path, argument("MEASUREMENTS.yaml", "The measurements; see --example.")
-    ],
-    out: Annotated[
-        Path,
-        option("FILE", "The scene's XML file; its meshes are written beside it.", group=OUTPUT),
-    ],
+    measurements: Annotated[Path, argument("MEASUREMENTS.yaml", _MEASUREMENTS, exists=True)],
+    out: Annotated[Path, option("FILE", _OUT, group=OUTPUT)],
     example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make a scene of a laboratory from a ruler's measurements.
@@ -44,8 +41,6 @@ def draw(
 
     Look at it to find wrong signs and units.
     """
-    from periscopy_sim.figures.laboratory.projections import laboratory_figure
-
     options.require_suffix(out, ".png", "the drawing")
     with output_files(out) as (staged,):
         require_vectorized("a drawing")
@@ -56,16 +51,7 @@ def draw(
     session.check_shadows()
 
 
-PATCHES = 18, 24
-"""Of each hidden surface, as many as shadows need."""
-
-
 class _Trial(Session):
-    """A session of few pixels and patches."""
+    """A session of few pixels and patches: as many as shadows need."""
 
-    @cached_property
-    def scenario(self) -> ps.Scenario:
-        """The scene, loaded at first use."""
-        scene = ps.load_scene(self.path, self.definitions)
-        sizes = dict.fromkeys(scene.emission, PATCHES)
-        return ps.load_scenario(scene, sizes, photograph=(64, 64), camera=self.sensor)
+    pixels, patches = (64, 64), (18, 24)

@@ -13,48 +13,41 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, show_table, warn
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.extras import require_all
 from periscopy_sim.figures.panels import exposed, write_enlarged
 from periscopy_sim.photographs.develop import SensorImage, average, develop
-from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.formats.table import libraries_of
 from periscopy_sim.storage.outputs.provenance import as_text
-from periscopy_sim.storage.photographs import read_mask, read_sensor_image
 from periscopy_sim.storage.pictures import write_png
-from periscopy_sim.storage.tables import read_wall_points, read_wall_tags
 
 Files = list[Path] | None
-Black = Annotated[
-    float, option("VALUE", "Black level of the camera, subtracted.", group=PHOTOGRAPH, kind="level")
-]
+_BLACK = "Black level of the camera, subtracted."
+Black = Annotated[float, option("VALUE", _BLACK, group=PHOTOGRAPH, kind="level")]
 _DARK = "Photograph with the lens covered, subtracted; repeatable."
 Dark = Annotated[Files, option("FILE", _DARK, group=PHOTOGRAPH, exists=True)]
+_PHOTOS, _BIN = "Photographs of one exposure, averaged.", "Set the film to blocks of K x K pixels."
+_FLAT = "Photograph of an evenly lit white surface, divided by; repeatable."
+_MASK = "Picture of the photograph's or film's size, black off wall."
+_WHITE = "Saturation value. [default: from the file]"
 _POINTS = "Points of the wall to rectify by: column,row,x,y,z."
-Points = Annotated[Path | None, option("FILE.csv", _POINTS, group=PHOTOGRAPH)]
+Points = Annotated[Path | None, option("FILE.csv", _POINTS, group=PHOTOGRAPH, exists=True)]
 _TAGS = "AprilTag or ArUco markers to rectify by: id,x,y,z,size."
-Tags = Annotated[Path | None, option("FILE.csv", _TAGS, group=PHOTOGRAPH)]
+Tags = Annotated[Path | None, option("FILE.csv", _TAGS, group=PHOTOGRAPH, exists=True)]
 
 
 def prepare(
-    photos: Annotated[list[Path], argument("PHOTO", "Photographs of one exposure, averaged.")],
+    photos: Annotated[list[Path], argument("PHOTO", _PHOTOS, exists=True)],
     scene: options.SceneOption,
     out: options.OutFile,
     black: Black = 0.0,
     dark: Dark = None,
-    flat: Annotated[
-        Files, option("FILE", "Photograph of an evenly lit white surface, divided by; repeatable.")
-    ] = None,
-    white: Annotated[
-        float | None, option("VALUE", "Saturation value. [default: from the file]", kind="level")
-    ] = None,
+    flat: Annotated[Files, option("FILE", _FLAT, exists=True)] = None,
+    white: Annotated[float | None, option("VALUE", _WHITE, kind="level")] = None,
     points: Points = None,
     tags: Tags = None,
-    mask: Annotated[
-        Path | None, option("FILE", "Picture of the photograph's or film's size, black off wall.")
-    ] = None,
-    bin_by: Annotated[
-        int | None, option("K", "Set the film to blocks of K x K pixels.", "--bin", kind="side")
-    ] = None,
+    mask: Annotated[Path | None, option("FILE", _MASK, exists=True)] = None,
+    bin_by: Annotated[int | None, option("K", _BIN, "--bin", kind="side")] = None,
     define: options.Define = None,
 ) -> None:
     """Bring a camera's photograph to the scene's pixels.
@@ -63,19 +56,25 @@ def prepare(
     outside of the photograph; and NAME_preview.png, hatched outside of the mask.
     """
     options.require_suffix(out, ".exr", "the photograph")
+    raw = libraries_of([*photos, *(dark or ()), *(flat or ())])
+    require_all(*raw, *(["cv2"] if tags else []))
     session = Session(scene, [], define)
     marks = marks_of(points, tags)
     outputs = out, *(out.with_name(f"{out.stem}_{what}.png") for what in ("mask", "preview"))
     inputs = *photos, *(dark or ()), *(flat or ()), mask, points, tags, session.path
     with output_files(*outputs, inputs=inputs) as staged:
         with progress("reading the photograph"):
-            light = _developed(photos, black, dark, flat, white)
+            offset, even = (
+                average(exposures(frames, white, black), f"{name} {frames[-1]}") if frames else None
+                for frames, name in ((dark, "the dark frame"), (flat, "the flat field"))
+            )
+            light = develop(exposures(photos, white, black), black=black, dark=offset, flat=even)
         film: list[str] = []
         if bin_by is not None:
             film = _film(light, session, bin_by, marks)
             session = Session(scene, [], [*(define or []), *film])
         with progress("averaging its pixels"):
-            wall = None if mask is None else read_mask(mask)
+            wall = None if mask is None else ps.read_mask(mask)
             prepared = ps.prepare(light, session.scenario, marks=marks, mask=wall)
             # A black level above all light leaves none: readers reject such a photograph.
             ps.Photograph.of(prepared.values, name=str(photos[0]), mask=prepared.mask)
@@ -95,22 +94,11 @@ def prepare(
         conclude(f"the scene's film has this size with {definitions}: give it with every command")
 
 
-def marks_of(points: Path | None, tags: Path | None) -> WallPoints | WallTags | None:
+def marks_of(points: Path | None, tags: Path | None) -> ps.WallPoints | ps.WallTags | None:
     """Read the marks of the wall, if a file of them is given; of two it is a PeriscopyError."""
     if points is not None and tags is not None:
-        raise PeriscopyError("--points and --tags exclude each other; give one")
-    return read_wall_points(points) if points else read_wall_tags(tags) if tags else None
-
-
-def _developed(
-    photos: Sequence[Path], black: float, dark: Files, flat: Files, white: float | None
-) -> SensorImage:
-    """Read the photographs into one picture of linear light."""
-    offset, even = (
-        average(exposures(frames, white, black), f"{name} {frames[-1]}") if frames else None
-        for frames, name in ((dark, "the dark frame"), (flat, "the flat field"))
-    )
-    return develop(exposures(photos, white, black), black=black, dark=offset, flat=even)
+        raise ps.PeriscopyError("--points and --tags exclude each other; give one")
+    return ps.read_wall_points(points) if points else ps.read_wall_tags(tags) if tags else None
 
 
 def exposures(
@@ -121,7 +109,7 @@ def exposures(
 ) -> Iterator[SensorImage]:
     """Read photographs of a camera, with their warnings; see `read_sensor_image`."""
     for path in paths:
-        exposure, warnings = read_sensor_image(
+        exposure, warnings = ps.read_sensor_image(
             path, white, has_black=bool(black), encoding=encoding
         )
         for warning in warnings:
@@ -147,7 +135,7 @@ def _film(
         return [f"height={rows}", f"width={columns}"]
     if "resolution" in declared and rows == columns:
         return [f"resolution={rows}"]
-    raise PeriscopyError(
+    raise ps.PeriscopyError(
         f"--bin: scene '{session.path}' declares no <default> for its film's size that -D leaves "
         "free; declare width and height, and use $width and $height in its film"
     )

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from contextvars import copy_context
 from dataclasses import asdict
 from pathlib import Path
 from threading import Lock, Thread
@@ -18,9 +17,8 @@ from periscopy_sim.cli.options import argument, option
 from periscopy_sim.cli.output import outcome, output_folder, progress, say, warn, write_json
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
-from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.extras import require
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
+from periscopy_sim.extras import require_all
+from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods, libraries_of
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import write_exr
@@ -34,6 +32,8 @@ if TYPE_CHECKING:
 WRITING = Lock()
 """Held while files are written: Ctrl-C waits for them, and for nothing else."""
 
+_PHOTO = "A photograph. Without one: synthetic photographs."
+_PLACE = "Ambient light: a shipped place or a Mitsuba XML file."
 _HOST = "Where to listen; 0.0.0.0 is open to the network."
 Host = Annotated[str, option("ADDRESS", _HOST)]
 Port = Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")]
@@ -42,14 +42,10 @@ Port = Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="por
 def view(
     scene: options.SceneArgument,
     hidden: options.Hidden = ["29x36"],  # noqa: B006  nothing changes it
-    photo: Annotated[
-        Path | None, argument("PHOTO", "A photograph. Without one: synthetic photographs.")
-    ] = None,
+    photo: Annotated[Path | None, argument("PHOTO", _PHOTO, exists=True)] = None,
     out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
     image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,
-    ambient: Annotated[
-        str | None, option("PLACE", "Ambient light: a shipped place or a Mitsuba XML file.")
-    ] = None,
+    ambient: Annotated[str | None, option("PLACE", _PLACE)] = None,
     method: options.FirstMethodOption = DEFAULT,
     mask: options.MaskOption = None,
     host: Host = "127.0.0.1",
@@ -61,11 +57,15 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
-    require("websockets")
+    require_all("websockets", *libraries_of(method))
+    from periscopy_sim.live.gate import listen
+
+    listen(host, port).close()  # a port in use is an error, before anything is loaded
     if ambient and photo is not None:
-        raise PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
+        raise ps.PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
-        raise PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
+        raise ps.PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
+    place = find_condition(ambient) if ambient else None
     session = WallSession(scene, hidden, define, mask=mask)
     image = image or ("mushroom" if photo is None else "")
     with progress("loading the scene"):
@@ -78,9 +78,8 @@ def view(
         session.check_lights()
         wall = None if photo is None else session.wall(photo)
         light = None
-        if ambient:
-            place = str(find_condition(ambient))  # its error is smooth: methods project it out
-            quick = ps.render_background(place, session.scenario, target=0.05)
+        if place is not None:  # its error is smooth: methods project it out
+            quick = ps.render_background(str(place), session.scenario, target=0.05)
             light = quick.photograph
         shipped = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
         images = shipped if photo is None else []
@@ -96,9 +95,7 @@ def view(
 def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:
     """Serve a page until its session ends, or until Ctrl-C, which calls `close` first."""
     try:
-        worker = Thread(
-            target=copy_context().run, args=(live.run,), daemon=True
-        )  # its long steps would delay Ctrl-C
+        worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
         worker.start()
         if live.page.gate.is_open:
             warn(

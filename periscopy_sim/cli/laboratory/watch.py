@@ -16,21 +16,13 @@ from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_
 from periscopy_sim.cli.light import check_memory
 from periscopy_sim.cli.messages import colour, report_sentences, verdict
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
-from periscopy_sim.cli.output import (
-    conclude,
-    for_threads,
-    output_files,
-    progress,
-    record,
-    say,
-    written,
-)
+from periscopy_sim.cli.output import conclude, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.extras import require
+from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
+from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods, libraries_of
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
 from periscopy_sim.storage.outputs.staging import unwritable_reported
@@ -71,7 +63,11 @@ def watch(
     In the browser, on the page of view: move the laboratory while the picture sharpens. Frames
     that come too late are dropped and counted. The command ends with the source, or by Ctrl-C.
     """
-    require("websockets")
+    video = [] if Path(source).is_dir() else ["av"]
+    require_all("websockets", *video, *libraries_of(method), *(["cv2"] if tags else []))
+    from periscopy_sim.live.gate import listen
+
+    listen(host, port).close()  # a port in use is an error, before anything is made
     marks = marks_of(points, tags)
     with progress("loading the scene"):
         from periscopy_sim.live.frames import open_source
@@ -90,7 +86,7 @@ def watch(
         check_memory(scenario, method)
         session.check_lights()
         companions = _companions(session, marks, black, dark, encoding)
-        stream = Stream(frames, scenario, companions, average, for_threads(session.warn))
+        stream = Stream(frames, scenario, companions, average, session.warn)
         recorder = None if out is None else Recorder(out, session, stream, source)
         folder = (out or Path("watch")) / "set"
         live = LiveSession(

@@ -13,6 +13,7 @@ from periscopy_sim.cli.session import WallSession
 from periscopy_sim.figures import panels
 from periscopy_sim.hidden import named
 
+_TOLERANCE = "Relative tolerance on B's singular values."
 MEANINGS = {
     "condition_A": "largest over smallest singular value of A: how much noise may grow",
     "condition_DA": "the same of D A, where D takes differences of neighbouring pixels",
@@ -30,9 +31,7 @@ def analyze(
     session: WallSession,
     light: Light,
     out: options.Out,
-    rank_tolerance: Annotated[
-        float, option("NUMBER", "Relative tolerance on B's singular values.", kind="tolerance")
-    ] = 1e-10,
+    rank_tolerance: Annotated[float, option("NUMBER", _TOLERANCE, kind="tolerance")] = 1e-10,
 ) -> None:
     """Report how well a scene determines its hidden image.
 
@@ -72,9 +71,7 @@ def analyze(
             folder / "summary.json", {"rank_tolerance": rank_tolerance, **numbers}
         )
     median, worst = 100 * np.median(both), 100 * both.max()
-    show_table(
-        [name.replace("_", " "), f"{value:.4g}", MEANINGS[name]] for name, value in numbers.items()
-    )
+    show_table([n.replace("_", " "), f"{value:.4g}", MEANINGS[n]] for n, value in numbers.items())
     conclude(
         f"The median patch is known to ± {median:.2g} % of white, the worst to ± {worst:.2g} %, at "
         "noise of 0.1 % of a white screen's mean photograph."

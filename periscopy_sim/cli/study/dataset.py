@@ -14,15 +14,15 @@ from periscopy_sim.cli.options import argument, example_of, option
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
 
-Archive = Annotated[
-    Path, argument("DATA", "A data set, as 'periscopy dataset' writes it.", parser=options.place_of)
-]
-Example = Annotated[
-    bool, example_of("periscopy_sim.dataset.configuration", "a commented configuration")
-]
+_CONFIGURATION = "The configuration; see --example."
+_COUNT = "Samples, instead of the configuration's."
+_DATA = "A data set, as 'periscopy dataset' writes it."
+Archive = Annotated[Path, argument("DATA", _DATA, parser=options.place_of)]
+_MODULE = "periscopy_sim.dataset.configuration"
+Example = Annotated[bool, example_of(_MODULE, "a commented configuration")]
 
 
 class _MakesByDefault(CommandGroup):
@@ -35,28 +35,22 @@ class _MakesByDefault(CommandGroup):
 
 
 app = typer.Typer(
-    name="dataset",
-    cls=_MakesByDefault,
-    add_completion=False,
-    context_settings=HELP,
-    help="Make, check and export a data set of photographs.",
-    pretty_exceptions_enable=False,
-)
+    name="dataset", cls=_MakesByDefault, add_completion=False, context_settings=HELP,
+    help="Make, check and export a data set of photographs.", pretty_exceptions_enable=False,
+)  # fmt: skip
 
 
 @app.command("make", cls=Command)
 @with_options_of_groups
 def make(
-    configuration: Annotated[Path, argument("CONFIG.yaml", "The configuration; see --example.")],
+    configuration: Annotated[Path, argument("CONFIG.yaml", _CONFIGURATION, exists=True)],
     out: options.Store,
-    count: Annotated[
-        int | None, option("NUMBER", "Samples, instead of the configuration's.", kind="samples")
-    ] = None,
+    count: Annotated[int | None, option("NUMBER", _COUNT, kind="samples")] = None,
     scheduler: options.Scheduler = None,
     example: Example = False,  # noqa: ARG001
 ) -> None:
     """Make or continue a data set ('make' is optional)."""
-    require_all()
+    require_all(*SWEEP)
     settings = ps.load_configuration(configuration)
     start = time.perf_counter()
     with progress("making samples", "samples") as report:

@@ -3,29 +3,31 @@
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import start_values
-from periscopy_sim.cli import options
+from periscopy_sim.cli import options, output
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import option
-from periscopy_sim.cli.output import conclude, progress, show_table, warn, write_json, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.storage.outputs.provenance import image_sha256
 from periscopy_sim.storage.outputs.resume import resumed_folder
-from periscopy_sim.storage.outputs.staging import staged_file
 
-if TYPE_CHECKING:
-    from periscopy_sim.evaluation.design import Row
+Rows = Sequence[dict[str, Any]]
+"""Points of a design, see `periscopy_sim.evaluation.design.Row`."""
 
-FILES = TABLE, RECORD, PICTURE, BEST = "design.csv", "design.json", "design.png", "best.xml"
+_VARY = "One or two scene <default>s: occluder_dx=-0.05:0.05."
+_GRID = "Values of each parameter, all combined."
+_BY = "Least Cramér-Rao bound, or least error that noise-aware reports."
+_SBR = "Signal-to-background ratio; inf: no ambient light."
+_IMAGES = "Images that noise-aware recovers, by comma, or none."
+TABLE, BEST, FILES = "design.csv", "best.xml", ["design.json", "design.png"]
 
 
 class By(StrEnum):
@@ -38,23 +40,13 @@ class By(StrEnum):
 def design(
     session: Annotated[Session, {"hidden": ["15x18"]}],
     light: Light,
-    vary: Annotated[
-        str, option("NAME=LOW:HIGH,...", "One or two scene <default>s: occluder_dx=-0.05:0.05.")
-    ],
+    vary: Annotated[str, option("NAME=LOW:HIGH,...", _VARY)],
     out: options.ResumedFolder,
-    grid: Annotated[
-        int, option("NUMBER", "Values of each parameter, all combined.", kind="grid")
-    ] = 11,
-    by: Annotated[
-        By, typer.Option(help="Least Cramér-Rao bound, or least error that noise-aware reports.")
-    ] = By.bound,
-    sbr: Annotated[
-        float, option("RATIO", "Signal-to-background ratio; inf: no ambient light.", kind="sbr")
-    ] = 0.5,
+    grid: Annotated[int, option("NUMBER", _GRID, kind="grid")] = 11,
+    by: Annotated[By, typer.Option(help=_BY)] = By.bound,
+    sbr: Annotated[float, option("RATIO", _SBR, kind="sbr")] = 0.5,
     snr: options.Snr = 60.0,
-    images: Annotated[
-        str, option("LIST", "Images that noise-aware recovers, by comma, or none.")
-    ] = "mushroom,still_life,letters",
+    images: Annotated[str, option("LIST", _IMAGES)] = "mushroom,still_life,letters",
 ) -> None:
     """Find where to look and which occluder to take.
 
@@ -66,10 +58,12 @@ def design(
 
     ranges = options.parse_ranges(vary, "--vary")
     if len(ranges) > 2:
-        raise PeriscopyError("--vary: name one or two parameters")
+        raise ps.PeriscopyError("--vary: name one or two parameters")
     names = [] if images == "none" else options.parse_list("--images", images)
     if by is By.reported and not names:
-        raise PeriscopyError("--by reported needs images; leave --images out")
+        raise ps.PeriscopyError("--by reported needs images; leave --images out")
+    for name in names:
+        ps.find_image(name)
     start = start_values(session.scenario.document, list(ranges))
     given_point = dict(zip(ranges, map(designs.as_text, start), strict=True))
     points = [given_point, *designs.grid_of(ranges, grid)]
@@ -99,24 +93,29 @@ def design(
         **light.origin,
     }
     origin = {n: each for n, each in session.provenance.items() if n not in ("command", "scene")}
-    with resumed_folder(out, {**origin, **settings}, "design", FILES):
-        with progress("designing", "scenes") as report:
+    with resumed_folder(out, {**origin, **settings}, "design", (TABLE, BEST, *FILES)):
+        with output.progress("designing", "scenes") as report:
             rows = designs.run_design(points, errors, out / TABLE, report)
         ranking = designs.ranked(rows, "reported_error" if by is By.reported else "bound")
-        _write_results(session, out, rows, ranking, {**settings, "by": by.value})
-    best = ranking[0] if ranking else None
-    _show_rows(rows, best)
-    written(*(out / name for name in FILES if name != BEST or best is not None))
+        written = [*FILES, BEST] if ranking else FILES
+        with output.output_files(*(out / name for name in written)) as files:
+            _write_results(session, rows, ranking, {**settings, "by": by.value}, *files)
+        if not ranking:
+            (out / BEST).unlink(missing_ok=True)  # of another --by
+    output.written(out / TABLE)
+    _show_rows(rows, ranking)
 
 
 def _write_results(
     session: Session,
-    out: Path,
-    rows: "Sequence[Row]",
-    ranking: "Sequence[Row]",
+    rows: Rows,
+    ranking: Rows,
     settings: Mapping[str, Any],
+    json: Path,
+    picture: Path,
+    scene: Path | None = None,
 ) -> None:
-    """Write the picture, the best scene, if there is one, and the record."""
+    """Write the record, the picture and the best scene, if there is one."""
     from periscopy_sim.evaluation.design import values_of
     from periscopy_sim.figures.design import draw_design
 
@@ -124,17 +123,12 @@ def _write_results(
     caption = "{} patches, SNR {:g} dB, SBR {:g}".format(
         session.scenario.hidden.sizes, settings["snr"], float(settings["sbr"])
     )
-    with staged_file(out / PICTURE) as file:
-        draw_design(
-            file, rows, best, units=session.scenario.document.units, caption=caption,
-            metadata=session.metadata,
-        )  # fmt: skip
-    (out / BEST).unlink(missing_ok=True)  # of another --by
-    if best is not None:
+    units = session.scenario.document.units
+    draw_design(picture, rows, best, units=units, caption=caption, metadata=session.metadata)
+    if best is not None and scene is not None:
         remark = f"periscopy design: best of {len(ranking)} by {settings['by']}; {caption}"
-        with staged_file(out / BEST) as file:
-            write_copy(session.scenario.document, values_of(best), file, remark)
-            ps.load_scenario(file, session.sizes, camera=session.sensor)
+        write_copy(session.scenario.document, values_of(best), scene, remark)
+        ps.load_scenario(scene, session.sizes, camera=session.sensor)
     record = {
         **settings,
         "best": best,
@@ -142,11 +136,10 @@ def _write_results(
         "failed": {row["point"]: row["failure"] for row in rows if row["failure"]},
         "provenance": session.provenance,
     }
-    with staged_file(out / RECORD) as file:
-        write_json(file, record)
+    output.write_json(json, record)
 
 
-def _show_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
+def _show_rows(rows: Rows, ranking: Rows) -> None:
     """Print the errors of the given and the best scene; warn of points that are no scenes."""
     from periscopy_sim.evaluation.design import NUMBERS, values_of
 
@@ -154,13 +147,13 @@ def _show_rows(rows: "Sequence[Row]", best: "Row | None") -> None:
     for row in rows:
         place = ", ".join(f"{name}={value}" for name, value in values_of(row).items())
         if row["failure"]:
-            warn(f"{place}: {row['failure']}")
-        elif row["point"] == 0 or row is best:
+            output.warn(f"{place}: {row['failure']}")
+        elif row["point"] == 0 or row in ranking[:1]:
             numbers = ("" if row[n] is None else f"{100 * row[n]:.3g} %" for n in NUMBERS)
-            shown.append(["best" if row is best else "given", place, *numbers])
+            shown.append(["best" if row in ranking[:1] else "given", place, *numbers])
     words = (f"{name.replace('_', ' ')}, of white" for name in NUMBERS)
-    show_table(shown, ["scene", "values", *words])
-    if best is None:
-        warn(sentence("no_best"))
+    output.show_table(shown, ["scene", "values", *words])
+    if ranking:
+        output.conclude(f"best: {shown[-1][1]}", "green")
     else:
-        conclude(f"best: {shown[-1][1]}", "green")
+        output.warn(sentence("no_best"))

@@ -8,70 +8,57 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import output_files, say
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
-from periscopy_sim.extras import require_all
+from periscopy_sim.evaluation.sweep_store import read_sweep
+from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.style import COLUMN, PAGE
 from periscopy_sim.figures.sweeps import draw_sweep, labelled, latex_of, surfaces_of, table_of
 from periscopy_sim.numerics.limits import number_of
+from periscopy_sim.storage.outputs.store import attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
+_SWEEP = "What 'periscopy sweep' wrote."
+_METRIC = (
+    "psnr, psnr_plain, psnr_registered, mean_squared_error, ssim, covered_1, covered_2; of "
+    "calibrations trusted, within_1, within_3, error.NUMBER, claimed.NUMBER."
+)
+_OVER = "Axis to draw over. [default: the SBR, or what has several values]"
+_PANELS = "Axis of which each value has a panel. [default: the next one]"
+_AT = "Values of an axis to keep, by comma; repeatable."
+_LABEL = "What to call an axis, a metric or a method; repeatable."
+_REFERENCE = "Show differences to this method, or to AXIS=VALUE, photograph by photograph."
+_WIDTH = f"{COLUMN:g} for a column, {PAGE:g} for a page."
+_OUT = "PNG, PDF or SVG for a figure, TEX or CSV for a table."
 PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 
 def plot(
-    folder: Annotated[
-        Path, argument("SWEEP", "What 'periscopy sweep' wrote.", parser=options.place_of)
-    ],
-    out: Annotated[
-        Path, option("FILE", "PNG, PDF or SVG for a figure, TEX or CSV for a table.", group=OUTPUT)
-    ],
-    metric: Annotated[
-        str,
-        option(
-            "NAME",
-            "psnr, psnr_plain, psnr_registered, mean_squared_error, ssim, covered_1, covered_2; of "
-            "calibrations trusted, within_1, within_3, error.NUMBER, claimed.NUMBER.",
-        ),
-    ] = "psnr",
-    over: Annotated[
-        str, option("AXIS", "Axis to draw over. [default: the SBR, or what has several values]")
-    ] = "",
-    panels: Annotated[
-        str, option("AXIS", "Axis of which each value has a panel. [default: the next one]")
-    ] = "",
-    at: Annotated[
-        list[str] | None, option("NAME=VALUES", "Values of an axis to keep, by comma; repeatable.")
-    ] = None,
-    label: Annotated[
-        list[str] | None,
-        option("NAME=WORDS", "What to call an axis, a metric or a method; repeatable."),
-    ] = None,
-    reference: Annotated[
-        str,
-        option(
-            "METHOD", "Show differences to this method, or to AXIS=VALUE, photograph by photograph."
-        ),
-    ] = "",
-    width: Annotated[
-        float, option("INCHES", f"{COLUMN:g} for a column, {PAGE:g} for a page.", kind="inches")
-    ] = COLUMN,
+    folder: Annotated[Path, argument("SWEEP", _SWEEP, parser=options.place_of)],
+    out: Annotated[Path, option("FILE", _OUT, group=OUTPUT)],
+    metric: Annotated[str, option("NAME", _METRIC)] = "psnr",
+    over: Annotated[str, option("AXIS", _OVER)] = "",
+    panels: Annotated[str, option("AXIS", _PANELS)] = "",
+    at: Annotated[list[str] | None, option("NAME=VALUES", _AT)] = None,
+    label: Annotated[list[str] | None, option("NAME=WORDS", _LABEL)] = None,
+    reference: Annotated[str, option("METHOD", _REFERENCE)] = "",
+    width: Annotated[float, option("INCHES", _WIDTH, kind="inches")] = COLUMN,
 ) -> None:
     """Draw a sweep over any axis, or write its table."""
-    require_all()
+    require_all(*SWEEP)
     if out.suffix in TABLES and (over or panels):
         raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
-    if out.suffix not in (*PICTURES, *TABLES):
-        raise OutputError(
-            f"--out {out}: name a file that ends in {', '.join((*PICTURES, *TABLES))}"
-        )
+    if out.suffix not in (endings := (*PICTURES, *TABLES)):
+        raise OutputError(f"--out {out}: name a file that ends in {', '.join(endings)}")
     held = options.parse_definitions(at, "--at")
     texts = {axis: options.parse_list("--at", values) for axis, values in held.items()}
     axis, equals, value = reference.rpartition("=")
     axis = axis if equals else "algorithm"
     if reference and axis in texts:
         texts[axis].append(value)
-    results = _complete(_held(_read(folder), texts))
+    if not attributes_of(folder / "sweep.zarr"):
+        raise PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
+    results = _complete(_held(read_sweep(folder / "sweep.zarr"), texts))
     if reference:
         from periscopy_sim.evaluation.statistics import differences
 
@@ -84,16 +71,6 @@ def plot(
             file.write_text(latex_of(results, metric, f"tab:{out.stem}"), "utf-8")
         else:
             say(draw_sweep(file, results, metric=metric, over=over, panels=panels, width=width))
-
-
-def _read(folder: Path) -> "xr.Dataset":
-    """Read the results of a sweep; a PeriscopyError says that there are none."""
-    from periscopy_sim.evaluation.sweep_store import read_sweep
-    from periscopy_sim.storage.outputs.store import attributes_of
-
-    if not attributes_of(folder / "sweep.zarr"):
-        raise PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
-    return read_sweep(folder / "sweep.zarr")
 
 
 def _held(results: "xr.Dataset", at: Mapping[str, Sequence[str]]) -> "xr.Dataset":

@@ -72,11 +72,8 @@ def _words(value: Any) -> str | bool:
     return ",".join(map(str, value if isinstance(value, list) else [value]))
 
 
+_STUDY = "YAML with these, SCENE and --out too; the command line's count first."
 StudyOption = Annotated[
-    Path | None,
-    option(
-        "FILE", "YAML with these, SCENE and --out too; the command line's count first.",
-        group=SCENE, is_eager=True, callback=_read,
-    ),
-]  # fmt: skip
+    Path | None, option("FILE", _STUDY, group=SCENE, is_eager=True, callback=_read)
+]
 ExampleOption = Annotated[bool, example_of(__name__, "a commented study file")]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import GRID, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, option
@@ -16,13 +17,12 @@ from periscopy_sim.cli.session import WallSession
 from periscopy_sim.cli.study.axes import check_numbers, parse_ambient, parse_axes, parse_values
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.cli.study.worlds import KNOWN, Worlds
-from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.workers import check_scheduler
-from periscopy_sim.extras import require_all
+from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
 from periscopy_sim.measurement import noise_to_signal
-from periscopy_sim.reconstruction.registry import METHODS
-from periscopy_sim.shipped import find_image, find_scene
+from periscopy_sim.reconstruction.registry import METHODS, libraries_of
+from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.places import mirrored
 from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256, sha256_of
 from periscopy_sim.storage.outputs.resume import resumed_folder
@@ -33,6 +33,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RENDERED = ("**/A*.npy", "**/photograph*.exr", "**/ambient")
+_VARY = (
+    "An axis: sbr, snr, a <default> of the scene (assumed.NAME: of the methods' alone), assumed, "
+    "ruler, hidden, samples, model, scene, METHOD.OPTION. Values as 1,2,5, 0:1:5, 1:9:log:3."
+)
+_PHOTOGRAPH = "A photograph without ambient light; needs --truth."
+_TRUTH = "The hidden image of --photograph; of several surfaces of each."
+_IMAGES = "Hidden images whose photographs are path traced, by comma; or a folder."
+_RATIOS = "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
+_AMBIENT = "all, adversarial, shipped conditions, EXR files or folders of them."
+_METHODS = "Methods by comma; yours as module:callable or file.py:callable."
+_SEEDS = "Noise draws for each background and SBR."
 SBRS, SNR = "0.1:10:log:9", 60.0
 RUN = ("command", "scene", "seed", "python")
 """Provenance that differs from run to run, or that no result depends on."""
@@ -46,44 +57,18 @@ def sweep(
     session: Annotated[WallSession, {"hidden": ["29x36"]}],
     light: Light,
     out: options.Store,
-    vary: Annotated[
-        list[str] | None,
-        option(
-            "NAME=VALUES",
-            "An axis: sbr, snr, a <default> of the scene (assumed.NAME: of the methods' alone), "
-            "assumed, ruler, hidden, samples, model, scene, METHOD.OPTION. Values as 1,2,5, 0:1:5, "
-            "1:9:log:3.",
-        ),
-    ] = None,
+    vary: Annotated[list[str] | None, option("NAME=VALUES", _VARY)] = None,
     photograph: Annotated[
-        Path | None,
-        option("FILE", "A photograph without ambient light; needs --truth.", group=PHOTOGRAPH),
+        Path | None, option("FILE", _PHOTOGRAPH, group=PHOTOGRAPH, exists=True)
     ] = None,
-    truth: Annotated[
-        list[str] | None,
-        option("[ID=]IMAGE", "The hidden image of --photograph; of several surfaces of each."),
-    ] = None,
-    hidden_image: Annotated[
-        list[str] | None,
-        option(
-            "[ID=]IMAGE,...",
-            "Hidden images whose photographs are path traced, by comma; or a folder.",
-        ),
-    ] = None,
-    sbr: Annotated[
-        str, option("RATIOS", "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9.")
-    ] = SBRS,
-    ambient: Annotated[
-        str, option("LIST", "all, adversarial, shipped conditions, EXR files or folders of them.")
-    ] = "all",
+    truth: Annotated[list[str] | None, option("[ID=]IMAGE", _TRUTH)] = None,
+    hidden_image: Annotated[list[str] | None, option("[ID=]IMAGE,...", _IMAGES)] = None,
+    sbr: Annotated[str, option("RATIOS", _RATIOS)] = SBRS,
+    ambient: Annotated[str, option("LIST", _AMBIENT)] = "all",
     flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
-    methods: Annotated[
-        str, option("LIST", "Methods by comma; yours as module:callable or file.py:callable.")
-    ] = "noise-aware,preconditioned,differencing",
+    methods: Annotated[str, option("LIST", _METHODS)] = "noise-aware,preconditioned,differencing",
     snr: options.Snr = SNR,
-    seeds: Annotated[
-        int, option("NUMBER", "Noise draws for each background and SBR.", kind="count")
-    ] = 1,
+    seeds: Annotated[int, option("NUMBER", _SEEDS, kind="count")] = 1,
     scheduler: options.Scheduler = None,
     study: StudyOption = None,  # noqa: ARG001, it has become the other options' defaults
     example: ExampleOption = False,  # noqa: ARG001
@@ -97,23 +82,25 @@ def sweep(
     from periscopy_sim.evaluation.world import flipped_names
 
     # Reject wrong values here, before hours of rendering.
-    require_all()
+    lights, names = parse_ambient(ambient), options.parse_list("--methods", methods)
+    require_all(*SWEEP, *libraries_of(*names))
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
-        raise PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
+        raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
     given = {"sbr": sbr != SBRS, "snr": snr != SNR, "samples": light.samples, "model": light.model}
     for name in (*session.definitions, *(name for name, value in given.items() if value)):
         if name in axes:
-            raise PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
+            raise ps.PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
     of = {name: f"--vary {name}" if name in axes else f"--{name}" for name in ("sbr", "snr")}
     ratios = axes.pop("sbr", None) or parse_values(sbr, of["sbr"])
     ratios = check_numbers("ratio", of["sbr"], ratios)
     decibels = check_numbers("decibels", of["snr"], axes.pop("snr", [snr]))
     if "hidden" in axes:
         session = replace(session, hidden=[str(axes["hidden"][0])])
-    lights, names = parse_ambient(ambient), options.parse_list("--methods", methods)
     light.check_methods(*names)
     check_scheduler(scheduler)
+    for file in filter(None, lights.values()):
+        format_of(file)
     for name in names:
         find_method(name)
     shown = _shown(session, truth or hidden_image or [], "--truth" if truth else "--hidden-image")
@@ -137,7 +124,7 @@ def sweep(
         "image": {
             name: {
                 "photograph": "path traced" if wall is None else array_sha256(wall.values),
-                "truth": sha256_of(map(find_image, pictures.values())),
+                "truth": sha256_of(map(ps.find_image, pictures.values())),
             }
             for name, pictures in shown.items()
         },
@@ -146,22 +133,15 @@ def sweep(
             for light in lights
             for name in flipped_names(light, flips)
         },
-        "scene": {name: scene_sha256(find_scene(str(name))) for name in axes.get("scene", ())},
+        "scene": {name: scene_sha256(ps.find_scene(str(name))) for name in axes.get("scene", ())},
     }
     worlds = Worlds(
-        session=session,
-        light=light,
-        out=out,
-        shown=shown,
+        session=session, light=light, out=out, shown=shown, flips=flips, methods=names,
         photographs={} if wall is None else dict.fromkeys(shown, wall),
         ambient={name: measured.get(name) for name in lights},
-        flips=flips,
-        methods=names,
         noise=noise_to_signal(max(decibels), max(ratios)),
-        conditions={"settings": settings},
-        conditions_of=sources,
-        calibrates=KNOWN in axes,
-    )
+        conditions={"settings": settings}, conditions_of=sources, calibrates=KNOWN in axes,
+    )  # fmt: skip
     worlds.check(axes)
     with (
         resumed_folder(out, settings, "sweep", (CELLS, *RESULTS, *RENDERED), VARIED),
@@ -169,14 +149,9 @@ def sweep(
     ):
         worlds = replace(worlds, out=rendered, keep=send)
         whole = sweeps.Sweep(
-            world=worlds,
-            sbrs=ratios,
-            snrs=decibels,
-            seeds=range(seeds),
-            seed=session.seed,
-            vary=axes,
-            units=worlds.units(axes),
-        )
+            world=worlds, sbrs=ratios, snrs=decibels, seeds=range(seeds), seed=session.seed,
+            vary=axes, units=worlds.units(axes),
+        )  # fmt: skip
         seconds: dict[str, list[float]] = {name: [] for name in names}
         with progress("sweeping") as report:
             results = sweeps.run_sweep(
@@ -187,10 +162,8 @@ def sweep(
             draw_sweep(file, results, metadata=session.metadata)
     _show_means(results)
     medians = {name: float(np.median(each)) for name, each in seconds.items() if each}
-    show_table(
-        ([name, f"{median:.2g} s"] for name, median in medians.items()),
-        ["method", "median time of a core for a photograph"],
-    )
+    times = [[name, f"{median:.2g} s"] for name, median in medians.items()]
+    show_table(times, ["method", "median time of a core for a photograph"])
     computed = sum(map(len, seconds.values()))
     say(f"computed {computed} of {results['failure'].size} results")
     record(seconds=medians, computed=computed, results=results["failure"].size)
@@ -244,13 +217,13 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
         path = Path(entry)
         held = sorted(path.glob("[!.]*")) if path.is_dir() else [entry]
         if not held:
-            raise PeriscopyError(f"{flag} {entry}: the folder is empty; name one with pictures")
+            raise ps.PeriscopyError(f"{flag} {entry}: the folder is empty; name one with pictures")
         files += map(str, held)
     if flag == "--truth" and len(files) > 1:
-        raise PeriscopyError(f"--truth {','.join(entries)}: give that of --photograph alone")
+        raise ps.PeriscopyError(f"--truth {','.join(entries)}: give that of --photograph alone")
     shown = {Path(file).stem: {surface: file} for file in files}
     if len(shown) < len(files):
-        raise PeriscopyError(f"{flag} {','.join(entries)}: two pictures have one name; rename one")
+        raise ps.PeriscopyError(f"{flag} {listed}: two pictures have one name; rename one")
     return shown
 
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import periscopy_sim as ps
+from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
 from periscopy_sim.cli.output import fixable, part_of_command, progress
@@ -15,14 +17,11 @@ from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
-from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of, size_of
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.scenario import Scenario
-from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
 
     from periscopy_sim.calibration.scene_covariance import SceneCovariance
     from periscopy_sim.evaluation.calibrating import Calibrator
-    from periscopy_sim.evaluation.world import World
-    from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Method
     from periscopy_sim.rendering.transport.plan import TransportPlan
 
@@ -58,45 +55,23 @@ OF_SCENE = "scene", "hidden"
 class Worlds:
     """Makes the world of values of some axes, from parts that a folder keeps.
 
-    Attributes
-    ----------
-    session, light
-        The scene, and the light that is modelled, where no axis changes them.
-    out
-        The folder; worlds of other values have folders of their own in it.
-    shown
-        Hidden images, each of the names of its surfaces' pictures by id, by its name.
-    photographs
-        Those given, by the same names; others are path traced.
-    ambient
-        Ambient light by name: a photograph, None for a shipped condition, which is path traced.
-    flips
-        Whether each is also flipped about each axis.
-    methods
-        Their names.
-    noise
-        Of the photographs, over the mean of the monitor's light, at its least.
-    conditions, conditions_of
-        See `periscopy_sim.evaluation.world.WorldMaker`.
-    calibrates
-        Whether an axis says what methods know, so that they may calibrate.
-    keep
-        Called when all that a world needs is in its folder.
+    Worlds of other values have folders of their own in it. Of `conditions` and `conditions_of` see
+    `periscopy_sim.evaluation.world.WorldMaker`.
     """
 
-    session: WallSession
-    light: Light
+    session: WallSession  # the scene, where no axis changes it
+    light: Light  # modelled, where no axis changes it
     out: Path
-    shown: Mapping[str, Mapping[str, str]]
-    photographs: Mapping[str, Photograph]
-    ambient: Mapping[str, Array | None]
-    flips: bool
+    shown: Mapping[str, Mapping[str, str]]  # hidden images: each surface's picture, by id
+    photographs: Mapping[str, Photograph]  # those given, by the same names; others are path traced
+    ambient: Mapping[str, Array | None]  # None: a shipped condition, which is path traced
+    flips: bool  # whether each ambient light is also flipped about each axis
     methods: Sequence[str]
-    noise: float
+    noise: float  # of the photographs, over the mean of the monitor's light, at its least
     conditions: Mapping[str, Any]
     conditions_of: Mapping[str, Mapping[str, Any]]
-    calibrates: bool = False
-    keep: Callable[[], None] = lambda: None
+    calibrates: bool = False  # whether an axis says what methods know, so that they may calibrate
+    keep: Callable[[], None] = lambda: None  # called when a world's parts are in its folder
     _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
     _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
     _plans: "dict[Any, dict[str, TransportPlan]]" = field(default_factory=dict, init=False)
@@ -110,7 +85,7 @@ class Worlds:
         return {"algorithm": [*self.methods], "image": [*self.shown], "background": lights}
 
     @property
-    def hidden(self) -> Hidden:
+    def hidden(self) -> ps.Hidden:
         """The hidden surfaces of the session."""
         return self.session.scenario.hidden
 
@@ -119,10 +94,8 @@ class Worlds:
         """Channels of the images: those of the photographs given, else three."""
         return next((each.channels for each in self.photographs.values()), 3)
 
-    def __call__(self, **values: Any) -> "World":
+    def __call__(self, **values: Any) -> "ps.World":
         """Return the world of values of some axes."""
-        from periscopy_sim.evaluation.world import World, flips
-
         true, assumed = self._session(values), self._session(values, ASSUMED)
         true.check_scene()
         at = self._folder(values)
@@ -145,10 +118,10 @@ class Worlds:
         else:
             fitted, plans = self._fitted(assumed, values, wall)
         self.keep()
-        return World(
+        return ps.World(
             signals=signals,
             truths={name: true.hidden_image(names) for name, names in self.shown.items()},
-            backgrounds=flips(seen) if self.flips else seen,
+            backgrounds=ps.flips(seen) if self.flips else seen,
             methods=fitted,
             transport={name: plan.origin for name, plan in plans.items()},
             draw=int(values.get(DRAW, 0)),
@@ -161,19 +134,16 @@ class Worlds:
         A PeriscopyError names the axis, with the one that was perhaps meant.
         """
         document = self.session.scenario.document
-        paths = [find_scene(str(scene)) for scene in axes.get("scene", ())]
+        paths = [ps.find_scene(str(scene)) for scene in axes.get("scene", ())]
         if len({path.stem for path in paths}) < len(paths):
             names = ",".join(map(str, paths))
             raise PeriscopyError(f"--vary scene={names}: two scenes have one name; rename one")
         declared = [document, *map(read_document, paths)]
-        numbers = [
-            name for name in document.defaults
-            if all(name in each.defaults and name not in each.errors for each in declared)
-        ]  # fmt: skip
-        options = {
-            f"{name}.{option.name}": (name, option.name)
-            for name in self.methods if name in METHODS for option in METHODS[name].options
-        }  # fmt: skip
+        errors_of = {error for each in declared for error in each.errors}
+        common = set.intersection(*({*each.defaults} for each in declared)) - errors_of
+        numbers = [name for name in document.defaults if name in common]
+        taken = ((name, each) for name in self.methods for each in FOR_STILLS.get(name, ()))
+        options = {f"{name}.{each.name}": (name, each.name) for name, each in taken}
         is_known = not {*axes.get(KNOWN, ())} - {TRUE}
         if is_known and DRAW in axes:
             raise PeriscopyError(f"--vary {DRAW}: also --vary {KNOWN}={TRUE},{RULER},{CALIBRATED}")
@@ -190,9 +160,8 @@ class Worlds:
                     f"{ASSUMED}NAME"
                 )
             words = [each for each in values if not np.isfinite(number_of(str(each)))]
-            unit = document.units.get(axis.removeprefix(ASSUMED), "")
             for value in words or values:
-                _check_value(axis, value, options.get(axis), unit)
+                _check_value(axis, value, options.get(axis))
             if axis in (KNOWN, *OF_SCENE, *numbers, *assumed):
                 self._check_scene(axis, values[0])
                 self._check_scene(axis, values[-1])
@@ -207,15 +176,11 @@ class Worlds:
             true, assumed = (self._session({axis: value}, of).scenario for of in ("", ASSUMED))
         except SceneError as error:
             raise SceneError(f"--vary {axis}={value}: {error}") from error
-        if [*true.hidden] != [*self.hidden]:
+        shapes = true.photograph_shape, assumed.photograph_shape
+        if [*true.hidden] != [*self.hidden] or shapes[0] != shapes[1]:
             raise PeriscopyError(
-                f"--vary {axis}={value}: its hidden surfaces are {', '.join(true.hidden)}, not "
-                f"{', '.join(self.hidden)}; give scenes whose surfaces have the same ids"
-            )
-        if assumed.photograph_shape != true.photograph_shape:
-            raise PeriscopyError(
-                f"--vary {axis}={value}: the scene has photographs of {true.photograph_shape} "
-                f"pixels, the assumed one of {assumed.photograph_shape}; leave the film as it is"
+                f"--vary {axis}={value}: vary neither the ids of hidden surfaces "
+                f"({', '.join(true.hidden)}) nor the film of the assumed scene alone"
             )
 
     @property
@@ -223,11 +188,11 @@ class Worlds:
         """What calibrations say of themselves, if the sweep has some."""
         if not self.calibrates:
             return {}
-        from periscopy_sim.calibration.prior import free_parameters
         from periscopy_sim.evaluation.calibrating import measures_of
 
         own = self.session.scenario.document
-        others = (read_document(find_scene(name)) for name in self.conditions_of.get("scene", ()))
+        scenes = self.conditions_of.get("scene", ())
+        others = (read_document(ps.find_scene(name)) for name in scenes)
         units = {n: d.units.get(n, "1") for d in (own, *others) for n in free_parameters(d)}
         return measures_of(units)
 
@@ -243,8 +208,6 @@ class Worlds:
         defined = {n: v for n, v in values.items() if n in numbers}
         defined |= {n.removeprefix(of): v for n, v in values.items() if of and n.startswith(of)}
         if of and not _is_known(values):
-            from periscopy_sim.calibration.prior import read_by_ruler
-
             draw = [base.seed, 1 + int(values.get(DRAW, 0))]  # not the stream of the seed alone
             defined |= read_by_ruler(self._session(values).scenario, draw)
         whole = {n: values[n] for n in OF_SCENE if n in values}
@@ -265,11 +228,8 @@ class Worlds:
     def _folder(self, values: Mapping[str, Any], of: str = "") -> Path:
         """Return the folder of what is rendered of the true scene, or of the ``assumed.`` one."""
         numbers = self.session.scenario.document.defaults
-        own = {
-            name: value
-            for name, value in values.items()
-            if name in (*numbers, *OF_SCENE) or (of and name.startswith(of))
-        }
+        names = *numbers, *OF_SCENE
+        own = {n: v for n, v in values.items() if n in names or (of and n.startswith(of))}
         if of and not _is_known(values):
             own[DRAW] = values.get(DRAW, 0.0)
         texts = {n: f"{v:.9g}" if isinstance(v, float) else Path(v).stem for n, v in own.items()}
@@ -305,7 +265,6 @@ class Worlds:
         self, session: WallSession, values: Mapping[str, Any], wall: Photograph
     ) -> "tuple[dict[str, Method], dict[str, TransportPlan]]":
         """Return the methods, each fitted to A as planned for it, and these plans."""
-        from periscopy_sim.calibration.prior import free_parameters
         from periscopy_sim.evaluation.methods import fit_method
 
         scenario, light = session.scenario, self._light(values)
@@ -332,7 +291,6 @@ class Worlds:
         self, true: WallSession, ruler: WallSession, values: Mapping[str, Any], wall: Photograph
     ) -> "dict[str, Method]":
         """Return the methods, each of which calibrates the ruler's scene by the photograph."""
-        from periscopy_sim.calibration.prior import free_parameters, start_values
         from periscopy_sim.evaluation.calibrating import Calibrated, Calibrator
 
         names = tuple(free_parameters(true.scenario.document))
@@ -377,7 +335,7 @@ def _fit(
     noise: float,
     seed: int,
     wall: Photograph,
-    scenario: Scenario,
+    scenario: ps.Scenario,
     errors: "SceneCovariance",
 ) -> "Method":
     """Fit a method to a scene, and to what a calibration knows of its errors."""
@@ -392,18 +350,17 @@ def _fit(
 
 
 def _uncertain(
-    name: str, scenario: Scenario, errors: "Mapping[str, float] | SceneCovariance"
-) -> "UncertainTransport | None":
+    name: str, scenario: ps.Scenario, errors: "Mapping[str, float] | SceneCovariance"
+) -> "ps.UncertainTransport | None":
     """Return what errors of a scene do to light, for a method that counts them by default."""
     from periscopy_sim.analytic.area_transport import has_areas
-    from periscopy_sim.calibration.moving_scene import uncertain_transport
 
     if not (errors and name in METHODS and METHODS[name].uncertain and has_areas(scenario)):
         return None
-    return uncertain_transport(scenario, errors)
+    return ps.uncertain_transport(scenario, errors)
 
 
-def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: str) -> None:
+def _check_value(axis: str, value: Any, option: tuple[str, str] | None) -> None:
     """Raise a PeriscopyError for a value that an axis cannot have."""
     words: dict[str, Sequence[str]] = {KNOWN: (TRUE, RULER, CALIBRATED), "model": [*Model]}
     if axis == "scene":
@@ -415,8 +372,7 @@ def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: st
         if value not in words[axis]:
             raise PeriscopyError(f"--vary {axis}={value}: there are {', '.join(words[axis])}")
     elif not isinstance(value, float):
-        form = f"numbers in {unit}" if unit else "numbers"
-        raise PeriscopyError(f"--vary {axis}={value}: write {form} without units, or 0:1:5")
+        raise PeriscopyError(f"--vary {axis}={value}: write numbers without units, or 0:1:5")
     elif kind := {DRAW: "seed", "samples": "rays"}.get(axis):
         if not (value.is_integer() and in_range(kind, value)):
             limits = "{} to {}".format(*RANGES[kind])

@@ -5,7 +5,7 @@ folders of pictures all read it then.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,6 +75,11 @@ def decode_picture(path: Path, key: str, size: Size = None) -> Picture:
         known = ", ".join(each.name for each in FORMATS if not each.is_raw)
         raise PhotographError(f"{path}: is {row.name}; give a picture ({known})")
     return row.decode(path, key, size)
+
+
+def libraries_of(files: Iterable[Path]) -> list[str]:
+    """Return the library of an extra that camera raw files, if there are any, need."""
+    return ["rawpy"] if any(file.suffix.lower() in rasters.RAW_SUFFIXES for file in files) else []
 
 
 def suffixes(raw: bool = True) -> dict[str, str]:

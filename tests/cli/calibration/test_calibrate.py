@@ -75,25 +75,39 @@ def test_moved_chair_is_found_and_its_scene_written(periscopy, tmp_path):
     assert known.changed(calibrated) == []
 
 
-@pytest.mark.usefixtures("photograph")
-def test_a_scene_whose_image_lies_aside_is_written_too(succeeds, tmp_path, monkeypatch):
-    parameters = calibration().parameters
-    named = tuple(replace(each, name=name) for each, name in zip(parameters, MOVED, strict=True))
-    values = [dict(zip(MOVED, (dx, 0.001), strict=True)) for dx in (0.002, 0.003)]
-    rivals = tuple(Rival(each, 0.3) for each in values)
-    images = (np.ones((6, 7, 3)),) * 3
-    found = replace(calibration(), parameters=named, rivals=rivals, images=images)
+ASIDE = [dict(zip(MOVED, (dx, 0.001), strict=True)) for dx in (0.002, 0.003)]
+
+
+@pytest.fixture
+def rivals(photograph, monkeypatch):  # noqa: ARG001
+    """Let the calibration of any photograph find two other scenes."""
+    named = tuple(replace(p, name=n) for p, n in zip(calibration().parameters, MOVED, strict=True))
+    found = replace(
+        calibration(), parameters=named, rivals=tuple(Rival(each, 0.3) for each in ASIDE),
+        images=(np.ones((6, 7, 3)),) * 3,
+    )  # fmt: skip
     module = importlib.import_module("periscopy_sim.calibration.calibrate")
     monkeypatch.setattr(module, "calibrate", lambda **_: found)
+
+
+@pytest.mark.usefixtures("rivals")
+def test_a_scene_whose_image_lies_aside_is_written_too(succeeds, tmp_path):
     said = succeeds("calibrate", "y.npy", *SCENE, *FREE, "--out", "found.xml")
-    for name, rival in zip(("found_aside1.xml", "found_aside2.xml"), rivals, strict=True):
+    for name, values in zip(("found_aside1.xml", "found_aside2.xml"), ASIDE, strict=True):
         assert f"{name} (about 30 %; " in said
         document = read_document(tmp_path / name)
-        written = start_values(document, tuple(rival.values))
-        assert written.tolist() == [*rival.values.values()]
+        written = start_values(document, tuple(values))
+        assert written.tolist() == [*values.values()]
         assert scene_covariance(document).changed(document) == []
     record = json.loads((tmp_path / "found.json").read_text())
-    assert [each["values"] for each in record["rivals"]] == values
+    assert [each["values"] for each in record["rivals"]] == ASIDE
+
+
+@pytest.mark.usefixtures("rivals")
+def test_nothing_is_written_if_a_scene_aside_cannot_be(refused, tmp_path):
+    (tmp_path / "found_aside2.xml").mkdir()
+    line = refused("calibrate", "y.npy", *SCENE, *FREE, "--out", "found.xml")
+    assert "found_aside2.xml" in line
 
 
 def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path):

@@ -120,7 +120,8 @@ def test_a_recording_is_not_replaced(codes, refused, tmp_path):
     assert refused("watch", "wall.mkv", *SCENE, "--port", 0, "--out", "out").startswith("out ")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert str(port) in refused("watch", "wall.mkv", *SCENE, "--port", port)
+        new = ("--port", port, "--out", "new")
+        assert str(port) in refused("watch", "wall.mkv", *SCENE, *new)  # and makes no folder
 
 
 def test_a_record_that_cannot_be_written_ends_the_command_in_a_line(
