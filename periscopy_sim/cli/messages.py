@@ -61,7 +61,10 @@ SENTENCES = {
         "the image may lie a patch aside: {scenes}. calibrate moves it above {least:.0f} % only; "
         "compare the images in {picture}"
     ),
-    "any_place": "only a known picture (--shown) fixes the image's place to less than a patch",
+    "any_place": (
+        "the numbers and the image may be displaced together by whole patches: only a known "
+        "picture (--shown) fixes the place"
+    ),
     "assumed_colours": (
         "the colour matrix rests in part on published ones; show a picture of many colours (blocks)"
     ),
@@ -85,7 +88,8 @@ SENTENCES = {
     "glossy": "{scene}: {names} ({materials}) counts as diffuse, and the image may be wrong",
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
     "other_lights": (
-        "{scene}: {names}: ambient light; to recover it, begin its shape's id with 'hidden'"
+        "{scene}: the light of {names} counts as ambient; to recover it, begin its shape's id with "
+        "'hidden'"
     ),
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "uncounted": (

@@ -160,8 +160,9 @@ class Worlds:
                     f"{ASSUMED}NAME"
                 )
             words = [each for each in values if not np.isfinite(number_of(str(each)))]
+            unit = document.units.get(axis.removeprefix(ASSUMED), "")
             for value in words or values:
-                _check_value(axis, value, options.get(axis))
+                _check_value(axis, value, options.get(axis), unit)
             if axis in (KNOWN, *OF_SCENE, *numbers, *assumed):
                 self._check_scene(axis, values[0])
                 self._check_scene(axis, values[-1])
@@ -176,11 +177,15 @@ class Worlds:
             true, assumed = (self._session({axis: value}, of).scenario for of in ("", ASSUMED))
         except SceneError as error:
             raise SceneError(f"--vary {axis}={value}: {error}") from error
-        shapes = true.photograph_shape, assumed.photograph_shape
-        if [*true.hidden] != [*self.hidden] or shapes[0] != shapes[1]:
+        if [*true.hidden] != [*self.hidden]:
             raise PeriscopyError(
-                f"--vary {axis}={value}: vary neither the ids of hidden surfaces "
-                f"({', '.join(true.hidden)}) nor the film of the assumed scene alone"
+                f"--vary {axis}={value}: its hidden surfaces are {', '.join(true.hidden)}, not "
+                f"{', '.join(self.hidden)}; give scenes whose surfaces have the same ids"
+            )
+        if assumed.photograph_shape != true.photograph_shape:
+            raise PeriscopyError(
+                f"--vary {axis}={value}: the scene has photographs of {true.photograph_shape} "
+                f"pixels, the assumed one of {assumed.photograph_shape}; leave the film as it is"
             )
 
     @property
@@ -360,7 +365,7 @@ def _uncertain(
     return ps.uncertain_transport(scenario, errors)
 
 
-def _check_value(axis: str, value: Any, option: tuple[str, str] | None) -> None:
+def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: str) -> None:
     """Raise a PeriscopyError for a value that an axis cannot have."""
     words: dict[str, Sequence[str]] = {KNOWN: (TRUE, RULER, CALIBRATED), "model": [*Model]}
     if axis == "scene":
@@ -372,7 +377,8 @@ def _check_value(axis: str, value: Any, option: tuple[str, str] | None) -> None:
         if value not in words[axis]:
             raise PeriscopyError(f"--vary {axis}={value}: there are {', '.join(words[axis])}")
     elif not isinstance(value, float):
-        raise PeriscopyError(f"--vary {axis}={value}: write numbers without units, or 0:1:5")
+        form = f"numbers in {unit}" if unit else "numbers"
+        raise PeriscopyError(f"--vary {axis}={value}: write {form} without units, or 0:1:5")
     elif kind := {DRAW: "seed", "samples": "rays"}.get(axis):
         if not (value.is_integer() and in_range(kind, value)):
             limits = "{} to {}".format(*RANGES[kind])
