@@ -3,6 +3,7 @@
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from io import BytesIO
 from typing import Any
 
@@ -36,8 +37,9 @@ class Panel:
         scale = None
         if self.scale is not None:
             name, low, high = self.scale
-            stops = [mpl.colors.to_hex(each) for each in mpl.colormaps[name](np.linspace(0, 1, 9))]
-            scale = {"colours": stops, "low": low, "high": high}
+            stops = colours_of(name)[np.linspace(0, 255, 9).astype(int), :3]
+            hexes = [f"#{bytes(each).hex()}" for each in stops]
+            scale = {"colours": hexes, "low": low, "high": high}
         return {"caption": self.caption, "pictures": pictures, "scale": scale}
 
 
@@ -122,5 +124,11 @@ def _errors(pictures: LivePictures) -> Panel:
 
 def _colours(name: str, values: Array) -> Pixels:
     """Return false colours of values in [0, 1]; NaN is transparent."""
-    colormap: Any = mpl.colormaps[name].with_extremes(bad=(0, 0, 0, 0))
-    return np.asarray(colormap(np.ma.masked_invalid(values), bytes=True))
+    levels = np.clip(256 * np.nan_to_num(values), 0, 255).astype(np.uint8)
+    return colours_of(name)[levels] * np.isfinite(values)[..., np.newaxis].astype(np.uint8)
+
+
+@cache
+def colours_of(name: str) -> Pixels:
+    """Return the 256 colours of matplotlib's colormap, with their opacity."""
+    return _bytes(mpl.colormaps[name](np.arange(256)))

@@ -30,7 +30,7 @@ LOG = logging.getLogger(__name__)
 SHOWN = 60
 """Frames whose rate and latency the page shows."""
 
-JUDGED = 5.0
+JUDGED = 10.0
 """Seconds from one verdict on the scene to the next; each takes some 0.3 s of a core."""
 
 REPEATS = 10.0
