@@ -287,7 +287,7 @@ class Stream:
             if not is_again:
                 self.latencies.append(time.monotonic() - arrived)
                 self.shown += 1
-        if self.verdict is None:
+        if self.verdict is None and not self.ended.is_set():  # a short recording
             self._judge()
         self.stop()
 

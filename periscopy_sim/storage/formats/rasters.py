@@ -204,7 +204,8 @@ def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
             for k, index in enumerate(colours[:2, :2].ravel()):
                 light[k // 2 :: 2, k % 2 :: 2] -= np.float32(black[index])
             light = bayer_colours(light, places)
-            full = np.asarray(bayer_colours(full, places).any(axis=2))
+            whole = full[: 2 * light.shape[0], : 2 * light.shape[1]]
+            full = whole[::2, ::2] | whole[::2, 1::2] | whole[1::2, ::2] | whole[1::2, 1::2]
     upright, full = _upright(light, flip), _upright(full, flip)
     return Picture(upright, unapplied=(*unapplied,), saturated=full, cell=cell)
 
