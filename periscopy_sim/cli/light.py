@@ -115,9 +115,10 @@ class Light(MonitorLight):
     def __post_init__(self) -> None:
         super().__post_init__()
         for source in self.sources:
-            is_file = source.lower().endswith(".npy") and Path(source).is_file()
-            if source != GRID and not is_file:
+            if source != GRID and not source.lower().endswith(".npy"):
                 raise ps.PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
+            if source != GRID and not Path(source).is_file():
+                raise ps.PeriscopyError(f"--light-model {source}: there is no such file")
 
     @property
     def sources(self) -> list[str]:

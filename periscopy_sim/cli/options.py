@@ -69,7 +69,9 @@ def _existing_files(value: list[Path] | None) -> list[Path] | None:
 def _existing_images(value: Any) -> Any:
     """Return the entries ``[ID=]IMAGE,...``, some of them folders; an error if one is missing."""
     for entry in [value] if isinstance(value, str) else value or ():
-        for each in [entry] if Path(entry).exists() else entry.split(","):
+        own = entry.partition("=")[2] or entry
+        is_one = Path(entry).exists() or Path(own).exists()
+        for each in [entry] if is_one else entry.split(","):
             name = each if Path(each).exists() else each.split("=", 1)[-1]
             if not Path(name).is_dir():
                 find_image(name.strip())

@@ -68,13 +68,15 @@ def reconstruct(
     if several:
         able = [name for name, entry in METHODS.items() if entry.views]
         if method not in able:
-            raise ps.PeriscopyError(f"--method {method}: several views take {', '.join(able)}")
+            raise ps.PeriscopyError(
+                f"--method {method}: it takes one view; several take {', '.join(able)}"
+            )
         _, *others = (view.scenario for view in views.values())
         check_memory(session.scenario, method, others)
     errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
     if errors and not counts_errors:
-        raise ps.PeriscopyError(f"--uncertain: the method {method} does not support it")
+        raise ps.PeriscopyError(f"--uncertain: {method} does not support it; leave it out")
     light.check_methods(method)
     with output.output_folder(out, OPTIONAL) as folder:
         walls, methods = dict[str, ps.Photograph](), dict[str, "StillMethod[Any]"]()

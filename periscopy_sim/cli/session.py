@@ -92,7 +92,7 @@ class Session(options.OptionGroup):
                 check_file_names(self.path, "hidden surface", scene.emission)
             sizes = self.sizes or dict.fromkeys(scene.emission, self.patches)
             scenario = ps.load_scenario(scene, sizes, photograph=self.pixels, camera=self.sensor)
-        for name, surface in scenario.hidden.items():
+        for name, surface in scenario.hidden.items() if self.sizes else ():
             (rows, columns), sides = surface.shape, (surface.across, surface.up)
             across, up = (np.median(np.linalg.norm(each, axis=1)) for each in sides)
             given, other = across / up, across / up * (columns / rows) ** 2
@@ -251,7 +251,7 @@ class Session(options.OptionGroup):
         from periscopy_sim.analytic.area_transport import has_areas
         from periscopy_sim.model.fit import PRECISION
 
-        error = origin["transport_error"]
+        error = origin.get("transport_error")
         if error is None or noise is None or error <= max(noise, PRECISION):
             return ""
         if origin["model"] == "file":

@@ -425,7 +425,7 @@ const KEYS = {
 document.onkeydown = (event) => {
   const isCommand = event.ctrlKey || event.metaKey;
   const undoes = isCommand && event.key === "z" && event.target.type !== "number"; // not what is typed
-  const views = !isCommand && event.target === marks && event.key in KEYS;
+  const views = !isCommand && !event.altKey && event.target === marks && event.key in KEYS;
   if (undoes || views) event.preventDefault();
   if (undoes) send({ control: "undo", value: true });
   if (views) look(...KEYS[event.key]);

@@ -19,6 +19,7 @@ from periscopy_sim.hidden import Hidden
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
 from periscopy_sim.model.residual import quick_residual
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.machine import one_thread
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Note, Report, Solution, StillMethod
 from periscopy_sim.reconstruction.registry import METHODS
@@ -100,6 +101,11 @@ class FrameMethod:
             return self.method.solve
         return entry.frames_by(self.method, "none").solve_next
 
+    @property
+    def may_judge(self) -> bool:
+        """Whether `judge` says more than `see`, from another thread."""
+        return self._follow != self.method.solve and self.method.judges_scene
+
     def see(self, frame: Photograph, noise: float, number: int) -> LivePictures:
         """Return the pictures of a frame, (rows, columns, C), of this size or a larger one.
 
@@ -122,10 +128,10 @@ class FrameMethod:
         )  # fmt: skip
 
     def judge(self, frame: Photograph) -> Report:
-        """Return a report of what the method for single photographs leaves, with its verdict."""
+        """Return the report of the method for single photographs, with its verdict, on one core."""
         values = self._values(frame)
-        with own_errors(self.choice.method, "failed"):
-            return Report(residual=self.method.residual(values, self.method.solve(values)))
+        with own_errors(self.choice.method, "failed"), one_thread():
+            return StillMethod.report(self.method, values, self.method.solve(values))
 
     def _values(self, frame: Photograph) -> Array:
         """Return a frame's light at this size, black where it is not used."""

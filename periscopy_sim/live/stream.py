@@ -293,19 +293,21 @@ class Stream:
 
     def _status(self) -> list[str]:
         """Return the numbers, the verdict and what has just happened."""
-        verdict = () if self.verdict is None else self.describe(self.verdict)
+        verdict = self.verdict
+        sentences = () if verdict is None else self.describe(verdict)
         news = [self.notice] if time.monotonic() < self._expires else []
-        return [*self._lines, *verdict, *news]
+        return [*self._lines, *sentences, *news]
 
     def _judge_scene(self) -> None:
         """Judge the scene by the present average, now and then."""
         while not self.ended.wait(JUDGED):
-            self._judge()
-            self.show_lines(self._status())
+            if self.shown:
+                self._judge()
+                self.show_lines(self._status())
 
     def _judge(self) -> None:
         formed, wall = self._formed, self.wall
-        if formed is None or formed.is_coarse or wall is None or not self.shown:
+        if formed is None or formed.is_coarse or wall is None or not formed.may_judge:
             return
         with suppress(PeriscopyError):  # the frame's picture reports it
             verdict = formed.judge(wall)

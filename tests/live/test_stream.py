@@ -298,6 +298,7 @@ class Brief:
             time.sleep(0.02)
 
 
+TAGS = WallTags(np.arange(2), np.zeros((2, 3)), np.ones(2))
 WALL = np.linspace(9000, 20000, 24 * 24 * 3).reshape(24, 24, 3).astype(np.uint16)
 
 
@@ -350,8 +351,7 @@ def test_the_frames_are_prepared_at_a_later_try(monkeypatch):
 @pytest.mark.parametrize("has_tags", [False, True])
 def test_frames_whose_size_is_wrong_end_the_session_unless_tags_may_appear(has_tags):
     if has_tags:
-        tags = WallTags(np.arange(2), np.zeros((2, 3)), np.ones(2))
-        brief = Brief(lambda: time.sleep(0.01) or WALL, Companions(marks=tags))
+        brief = Brief(lambda: time.sleep(0.01) or WALL, Companions(marks=TAGS))
     else:
         brief = Brief(lambda: time.sleep(0.01) or WALL[:-1])
     with brief.session, live.running(brief.session):
@@ -372,6 +372,25 @@ def test_a_right_and_a_wrong_scene_are_judged_by_the_average(monkeypatch):
         for shift, code in (0.0, "fits"), (0.03, "does_not_fit"):
             watched.page.move({"occluder_dx": shift})
             watched.until(lambda *_, code=code: is_judged(code))
+
+
+def test_what_no_frame_could_be_shown_for_stays_on_the_page(monkeypatch):
+    monkeypatch.setattr(stream, "JUDGED", 0.05)
+    monkeypatch.setattr(stream, "REPEATS", 0.0)
+    ended = Event()
+
+    def frames():
+        yield WALL
+        ended.wait()
+        yield None
+
+    brief = Brief(frames().__next__, Companions(marks=TAGS))
+    with brief.session, live.running(brief.session):
+        brief.until(lambda: any("tag" in line for line in brief.said))
+        time.sleep(0.3)
+        assert any("tag" in line for line in brief.session.page.gate._state["trouble"][1])
+        ended.set()
+    assert not brief.shown
 
 
 @pytest.mark.parametrize("is_early", [False, True])

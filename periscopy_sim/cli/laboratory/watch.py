@@ -14,11 +14,11 @@ import periscopy_sim as ps
 from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, exposures, marks_of
 from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
 from periscopy_sim.cli.light import check_memory
-from periscopy_sim.cli.messages import colour, report_sentences, verdict
+from periscopy_sim.cli.messages import colour, report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
-from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.errors import OutputError, PeriscopyError, PhotographError
 from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
@@ -101,13 +101,15 @@ def watch(
             recorder.close()
         record(frames_shown=stream.shown, frames_dropped=stream.dropped)
         say(f"{stream.shown} frames shown, {stream.dropped} dropped")
-        if stream.verdict is not None:
-            conclude(verdict(stream.verdict), colour(stream.verdict))
+        if (report := stream.verdict) is not None:
+            conclude(session.judge(source, report), colour(report))
 
     with live:
         serve(live, session.path.name, close)
     if stream.shown or stream.fault:
         close()
+    if isinstance(stream.fault, PhotographError):
+        raise PhotographError(f"{source}: {stream.fault}") from stream.fault
     if stream.fault is not None:
         raise stream.fault
     if not stream.shown:
