@@ -71,7 +71,7 @@ def main(
 
 def draw(photograph: Array, angles: dict[str, Array], file: Path) -> None:
     """Draw the photograph, and the angles as stripes."""
-    shown = {"under hidden light alone": "penumbra", "under room light, too": "sum"}
+    shown = {"under hidden light alone": "penumbra", "under hidden and room light": "sum"}
     stripes = [
         (f"angles, {title}", displayable(angles[name][None, :, None]))
         for title, name in shown.items()

@@ -25,12 +25,12 @@ _SHOWN = (
     "The pictures of further photographs are unknown. Of several surfaces: ID=IMAGE,ID=IMAGE."
 )
 _FREE = (
-    "<default>s to estimate, such as occluder_dx,occluder_dz=0.005. ERROR is the standard error of "
-    "the measured value. [default: all NAME with a NAME_error]"
+    "<default>s to estimate, such as occluder_dx,occluder_dz=0.005. ERROR is the measurement "
+    "error. [default: all NAME with a NAME_error]"
 )
 _UNCERTAIN = (
-    "Standard errors of fixed <default>s, which the result's errors include; 'none' includes none; "
-    "repeatable. [default: all NAME_error of what is not free]"
+    "Measurement errors of fixed <default>s, which the result's errors include; 'none' includes "
+    "none; repeatable. [default: all NAME_error of what is not free]"
 )
 _SILHOUETTE = "Recover this shape's silhouette instead: a flat mask of cells within its rectangle."
 _CELLS = "Cells of --silhouette. [default: 16 along the longer side]"

@@ -25,8 +25,8 @@ from periscopy_sim.storage.formats.table import libraries_of
 from periscopy_sim.storage.glb import write_glb
 
 _UNCERTAIN = (
-    "Uncertain <default>s with their standard errors; without =ERROR, the scene's. none: trust all "
-    "values. [default: all that have a declared or calibrated error]"
+    "Uncertain <default>s with their measurement errors; without =ERROR, the scene's. none: trust "
+    "all values. [default: all that have a declared or calibrated error]"
 )
 _ERRORS = "NAME[=ERROR],...|none"
 _TRUTH = f"Hidden image, if known: {options.IMAGE}."
