@@ -63,8 +63,11 @@ class Outcome:
             return
         if self.files:
             say(f"wrote {', '.join(map(str, dict.fromkeys(self.files)))}")
-        for line, colour in [] if self.is_silent else self.verdicts:
-            Console(highlight=False).print(Text(printable(line), colour), soft_wrap=True)
+        for line, colour in [] if self.is_part else self.verdicts:
+            if not self.quiet:
+                Console(highlight=False).print(Text(printable(line), colour), soft_wrap=True)
+            elif colour == "red":
+                warn(line)
 
 
 _OUTCOMES: list[Outcome] = []

@@ -95,8 +95,7 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
         if shift is not None:
             moves[name] = frozenset(speeds), shift
         fastest = max((np.linalg.norm(v, axis=1).max() for v in speeds.values()), default=0.0)
-        # A number that scales the file's shape is a factor, even where that is the size in metres.
-        unit = document.units.get(name, "factor" if fastest else "")
+        unit = document.units.get(name, "")  # a number that scales a shape may be in metres or not
         limits = _limits(value, errors.get(name, 0.0), float(fastest), is_place=shift is not None)
         movables.append(Movable(name, value, *limits, unit))
     if not movables:

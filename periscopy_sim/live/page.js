@@ -435,6 +435,10 @@ document.onkeydown = (event) => {
 
 let waiting = false;
 
+// A lost context, as of a GPU that starts anew, takes all textures with it.
+element("scene").addEventListener("webglcontextlost", (event) => event.preventDefault());
+element("scene").addEventListener("webglcontextrestored", () => location.reload());
+
 /** Draw once before the browser's next frame. */
 function redraw() {
   if (waiting) return;

@@ -103,7 +103,8 @@ def _third(pictures: LivePictures) -> Panel:
         return Panel("Hidden image", [*shown])
     caption = f"Unexplained: {100 * residual.unexplained:.2f} %"
     if residual.noise_alone is not None:
-        caption += f", noise alone {100 * residual.noise_alone:.2f} %"
+        between = "alone" if pictures.frame is None else "between frames"
+        caption += f", noise {between} {100 * residual.noise_alone:.2f} %"
     light, bound, unit = residual_map(residual)
     unit = unit.replace("standard deviations of noise", "σ of noise").partition(" of the")[0]
     scale = "RdBu_r", f"−{bound:.2g} {unit}", f"+{bound:.2g} {unit}"

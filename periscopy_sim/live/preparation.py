@@ -90,7 +90,7 @@ class Preparation:
             full = (first.values == len(table) - 1).any(axis=2)
             light = sensor_image(table[first.values], "the frame", saturated=full)
             curve = (
-                "decoded by the sRGB curve; if the camera sends linear light, declare them linear"
+                "decoded by the sRGB curve; if they are linear light, pass --linear (linear=True)"
             )
             how = "taken as linear light" if first.encoding == LINEAR else curve
             decoded.append(f"{8 * first.values.dtype.itemsize}-bit frames, {how}")
@@ -270,10 +270,10 @@ class PreparedFrames:
             return None
         return replace(wall, values=average)  # a method formed before may use more pixels
 
-    def take_monitor_off(self) -> None:
-        """Make the present average a photograph with the monitor off, in place of a former one."""
+    def toggle_monitor_off(self) -> None:
+        """Make the present average a photograph with the monitor off, or drop a former one."""
         if self.average is not None:
-            self.page_off = self.average
+            self.page_off = self.average if self.page_off is None else None
             self._make_wall(self.average)
 
     def _make_wall(self, average: Array) -> None:

@@ -198,10 +198,14 @@ class LiveSession(AbstractContextManager["LiveSession"]):
             stream.count = round(value)
             page.refresh()
 
-        label = "Take the average as the monitor-off frame"
+        def press() -> None:
+            stream.toggle_monitor_off()
+            page.refresh()
+
+        labels = "Take the average as the monitor-off frame", "Drop the monitor-off frame"
         return {
             "average": slider(count, "", set_count, lambda: stream.count),
-            "monitor off": button(lambda: label, stream.take_monitor_off),
+            "monitor off": button(lambda: labels[stream.has_monitor_off], press),
             "calibrate": button(lambda: calibration.label, calibration.press),
             "decline": button(
                 lambda: DECLINE if calibration.label == OFFER else "", calibration.decline

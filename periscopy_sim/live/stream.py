@@ -182,13 +182,19 @@ class Stream:
         if self._source.is_live:
             self._averaged.repeat()
 
-    def take_monitor_off(self) -> None:
-        """Make the present average the photograph with the monitor off."""
+    @property
+    def has_monitor_off(self) -> bool:
+        """Whether an average is in use as the photograph with the monitor off."""
+        return self._frames is not None and self._frames.page_off is not None
+
+    def toggle_monitor_off(self) -> None:
+        """Make the present average the photograph with the monitor off, or drop a former one."""
         if self._frames is None or self.wall is None:
             self.report("no frame has come yet")
             return
-        self._frames.take_monitor_off()
-        self.report("the present average is the monitor-off frame; turn the monitor on")
+        self._frames.toggle_monitor_off()
+        taken = "the present average is the monitor-off frame; turn the monitor on"
+        self.report(taken if self.has_monitor_off else "the monitor-off frame is dropped")
         self.form_anew()
 
     def report(self, line: str) -> None:

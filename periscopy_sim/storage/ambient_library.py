@@ -83,5 +83,5 @@ def find_condition(name: str) -> Path:
         return find_scene(f"ambient/{name}")
     if Path(name).suffix == ".xml" and Path(name).is_file():
         return Path(name)
-    guess = did_you_mean(name, CONDITIONS) or f"there are {', '.join(CONDITIONS)}"
+    guess = did_you_mean(name, CONDITIONS) or f"there are {', '.join(CONDITIONS)}."
     raise PeriscopyError(f"no ambient condition '{name}'; {guess} Or name a Mitsuba XML file")

@@ -124,6 +124,13 @@ def test_terminal_has_a_table_and_a_coloured_verdict(colours, monkeypatch, capfd
     assert colours or out.splitlines()[-1] == "The scene fits."
 
 
+def test_quiet_keeps_a_verdict_against_the_scene(capfd):
+    with outcome_of(quiet=True, as_json=False):
+        conclude("The scene fits.", "green")
+        conclude("Another does not fit.", "red")
+    assert capfd.readouterr() == ("", "periscopy: warning: Another does not fit.\n")
+
+
 def test_quiet_prints_warnings_alone(capfd):
     run_command(quiet=True)
     with outcome_of(quiet=True, as_json=False), progress("rendering"):

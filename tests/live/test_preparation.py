@@ -158,6 +158,8 @@ def test_a_white_frame_is_left_out(scenario, white_at):
 def test_the_average_becomes_the_monitor_off_frame(scenario):
     frames, _ = averaged(scenario, [WALL / 2])
     before = frames.wall
-    frames.take_monitor_off()
+    frames.toggle_monitor_off()
     assert frames.wall is not before and before.conditions != frames.wall.conditions
     np.testing.assert_allclose(frames.wall.monitor_off[TAKEN], WALL / 2)
+    frames.toggle_monitor_off()
+    assert frames.wall.conditions == before.conditions

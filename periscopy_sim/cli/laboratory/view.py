@@ -63,6 +63,8 @@ def view(
     listen(host, port).close()  # a port in use is an error, before anything is loaded
     if ambient and photo is not None:
         raise ps.PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
+    if image and photo is not None:
+        raise ps.PeriscopyError("--image needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
         raise ps.PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
     place = find_condition(ambient) if ambient else None

@@ -1,6 +1,7 @@
 """OpenEXR files of one flat part, in linear light: RGB or a lone grey channel."""
 
 from collections.abc import Mapping
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,21 @@ def decode_exr(path: Path, _: str = "", size: Size = None) -> Picture:
     return _read(path, size)[0]
 
 
+def _is_cut(path: Path) -> bool:
+    """Return whether a file of lines from above ends in its last chunk; OpenEXR prints of each."""
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+
+        def number(start: int, size: int) -> int:
+            return int.from_bytes(data[start : start + size], "little")
+
+        at = 8  # behind the magic number and the version
+        while data[at]:
+            at = data.find(b"\0", data.find(b"\0", at) + 1) + 1  # behind its name and its type
+            at += 4 + number(at, 4)
+        last = number(number(at + 1, 8) - 8, 8)  # the table of places ends at the first one
+        return last == 0 or last + 8 + number(last + 4, 4) > len(data)
+
+
 def _read(path: Path, size: Size = None) -> tuple[Picture, dict[str, str | float]]:
     """Return R, G and B, else the only channel, and the texts and numbers of the header."""
     import OpenEXR
@@ -64,6 +80,9 @@ def _read(path: Path, size: Size = None) -> tuple[Picture, dict[str, str | float
             low, high = head["dataWindow"]
             columns, rows = (int(side) + 1 for side in np.subtract(high, low, dtype=np.int64))
             check_head((rows, columns, len(head["channels"])), size, path)
+            is_plain = head["type"] == OpenEXR.scanlineimage and count == 1
+            if is_plain and head["lineOrder"] == OpenEXR.INCREASING_Y and _is_cut(path):
+                raise ValueError("it is cut short")
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # Without parts, as OpenEXR reports pixels that it cannot read, this is an IndexError.
             header, channels = file.parts[0].header, file.parts[0].channels
