@@ -1,7 +1,7 @@
 """Widths of figures, names and numbers, for pages from a phone's width to a desk's.
 
 A figure shows larger than it prints, up to a limit; a narrow screen shrinks it. `look.css` breaks
-the names that are marked as longer than a phone's line. No line ends between a number and its unit.
+the names that are marked as longer than a phone's line. No line ends between a number and its unit, or within a date.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ LONG = 32
 """Characters of a word that may not fit into a phone's line."""
 UNIT = re.compile(r"(?<=\d) (?=(%|dB|[cmk]?m|m?s|[kMGT]B)(\W|$))")
 """The space before a unit."""
+DATE = re.compile(r"(?<=\d\d)-(?=\d\d)")
+"""The hyphen within a date."""
 
 
 def mark(app: Any, doctree: Any) -> None:
@@ -35,7 +37,8 @@ def mark(app: Any, doctree: Any) -> None:
             literal["classes"].append("long")
     for text in list(doctree.findall(nodes.Text)):
         if not isinstance(text.parent, nodes.literal | nodes.literal_block):
-            text.parent.replace(text, nodes.Text(UNIT.sub("\N{NO-BREAK SPACE}", text)))
+            bound = DATE.sub("\N{NON-BREAKING HYPHEN}", UNIT.sub("\N{NO-BREAK SPACE}", text))
+            text.parent.replace(text, nodes.Text(bound))
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -74,7 +74,7 @@ def show_space(
     eye, axes = _eye(survey, surfaces, points)
     places = _project(points, eye, axes)
     low, high = places.min(axis=0), places.max(axis=0)
-    margin = 0.06 * (high - low).max()
+    margin = 0.06 * (high - low).max() * np.array([1, 2])  # names stand above and below
     low, high = low - margin, high + margin
     wide, tall = high - low
     columns, rows = np.ceil(PIXELS * (high - low) / max(wide, tall)).astype(int)

@@ -100,8 +100,8 @@ def _places(box: Array, size: Array) -> Array:
 
 
 def _overlaps(a: Array, b: Array) -> Array:
-    """Return whether boxes (n, 4) and (m, 4), or points, come within 2 pixels, (n, m)."""
-    a, b = a[:, None], b + np.array([-2, -2, 2, 2])
+    """Return whether boxes (n, 4) and (m, 4), or points, come within some pixels, (n, m)."""
+    a, b = a[:, None], b + np.array([-6, -2, 6, 2])
     sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
     return np.asarray((sides > 0).all(axis=2))
 
