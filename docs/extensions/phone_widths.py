@@ -1,7 +1,8 @@
 """Widths of figures, names and numbers, for pages from a phone's width to a desk's.
 
 A figure shows larger than it prints, up to a limit; a narrow screen shrinks it. `look.css` breaks
-the names that are marked as longer than a phone's line. No line ends between a number and its unit, or within a date.
+the names that are marked as longer than a phone's line. No line ends between a number
+and its unit, or within a date.
 """
 
 from __future__ import annotations
