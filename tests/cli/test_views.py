@@ -117,9 +117,9 @@ def test_commands_take_a_camera(scene, succeeds, tmp_path):
         ("right.npy left.npy {}", "right.npy: 20 x 26 pixels"),
         (
             "left.npy right.npy {} --method preconditioned",
-            "preconditioned: several views take noise-aware",
+            "preconditioned: it takes one view; several take noise-aware",
         ),
-        ("left.npy right.npy {} --method own.py:Own", "own.py:Own: several views take"),
+        ("left.npy right.npy {} --method own.py:Own", "own.py:Own: it takes one view"),
     ],
 )
 def test_wrong_views_are_named(arguments, offender, scene, refused, tmp_path):
