@@ -90,7 +90,7 @@ class Preparation:
             full = (first.values == len(table) - 1).any(axis=2)
             light = sensor_image(table[first.values], "the frame", saturated=full)
             curve = (
-                "decoded by the sRGB curve; if they are linear light, pass --linear (linear=True)"
+                "decoded by the sRGB curve; if the camera sends linear light, declare them linear"
             )
             how = "taken as linear light" if first.encoding == LINEAR else curve
             decoded.append(f"{8 * first.values.dtype.itemsize}-bit frames, {how}")
