@@ -111,8 +111,7 @@ def sentence(code: str, **values: Any) -> str:
 def report_sentences(report: "Report") -> list[str]:
     """Return the sentences of a report: its verdict, if it has one, warnings and notes."""
     notes = [*report.warnings, *report.notes]
-    is_judged = report.residual is not None and report.residual.diagnosis != "unknown"
-    if is_judged and report.verdict not in notes:
+    if report.verdict.code == "fits":  # others are among the warnings
         notes.insert(0, report.verdict)
     return [sentence(note.code, **note.values) for note in notes]
 

@@ -159,8 +159,8 @@ def test_quiet_prints_nothing_and_json_one_object(command, inputs, periscopy, mo
     assert quiet.code == 0
     assert len(quiet.out.splitlines()) == (command == "watch")  # whose page has an address
     assert all(line.startswith(WARNING) for line in quiet.told.splitlines())
-    told = quiet.told.splitlines()
-    check_warnings(command, [line for line in told if not any(each in line for each in AGAINST)])
+    lines = quiet.told.splitlines()
+    check_warnings(command, [line for line in lines if not any(each in line for each in AGAINST)])
     assert as_json.code == 0 and "\x1b" not in as_json.out + as_json.told
     numbers = json.loads(as_json.out)
     assert {*KEYS.get(command, ()), "files", "warnings"} <= numbers.keys()

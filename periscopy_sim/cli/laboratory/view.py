@@ -61,10 +61,9 @@ def view(
     from periscopy_sim.live.gate import listen
 
     listen(host, port).close()  # a port in use is an error, before anything is loaded
-    if ambient and photo is not None:
-        raise ps.PeriscopyError("--ambient needs synthetic photographs; leave it or PHOTO out")
-    if image and photo is not None:
-        raise ps.PeriscopyError("--image needs synthetic photographs; leave it or PHOTO out")
+    for flag, value in ("--ambient", ambient), ("--image", image):
+        if value and photo is not None:
+            raise ps.PeriscopyError(f"{flag} needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
         raise ps.PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
     place = find_condition(ambient) if ambient else None

@@ -18,7 +18,7 @@ from periscopy_sim.cli.messages import colour, report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
-from periscopy_sim.errors import OutputError, PeriscopyError, PhotographError
+from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
@@ -108,8 +108,6 @@ def watch(
         serve(live, session.path.name, close)
     if stream.shown or stream.fault:
         close()
-    if isinstance(stream.fault, PhotographError):
-        raise PhotographError(f"{source}: {stream.fault}") from stream.fault
     if stream.fault is not None:
         raise stream.fault
     if not stream.shown:

@@ -70,7 +70,7 @@ def test_a_video_of_which_no_frame_can_be_shown_ends_with_the_reason(codes, peri
     write_video(tmp_path / "odd.mkv", codes[:3, :94])
     for options, reason in {
         ("wall.mkv", "--mask", "few.npy"): "wall.mkv: no frame was shown",
-        ("odd.mkv",): "odd.mkv: 94 x 96 pixels",
+        ("odd.mkv",): "94 x 96 pixels",
     }.items():
         ended = periscopy("watch", *options, *SCENE, "--port", 0, "--out", "out")
         assert ended.code == 2 and reason in ended.err.splitlines()[-1]
