@@ -1,34 +1,97 @@
-"""The wall as the camera sees it, path traced."""
+"""Photographs of the wall, as fine as the noise that they serve; each states its own error.
 
+Light that comes straight from the hidden surfaces has sharp shadows: it is A f on a grid of wall
+points of its own, by areas where the scene has them, else by shadow rays, finer until two grids
+agree. All other light, bounced or of other emitters, is estimated in independent replicas, and
+smoothed as far as these allow, as ambient light is. A path tracer, which is older and slower, does
+what this cannot.
+"""
+
+import itertools
 import math
+import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
+from periscopy_sim.analytic.area_transport import area_transport, has_areas, points_across
+from periscopy_sim.errors import SceneError
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.rendering.ambient.background import DIRECT_SAMPLES, RAY, Part, refined
+from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
 from periscopy_sim.rendering.scene.load import build_scene
-from periscopy_sim.rendering.scene.wall import camera_of
+from periscopy_sim.rendering.scene.wall import camera_of, shape_of
+from periscopy_sim.rendering.transport.bounced import DIRECT, PATHS, make_tracer
+from periscopy_sim.rendering.transport.plan import SMALL
+from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
+from periscopy_sim.rendering.wall_polynomials import chosen_sites
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.view import LIFT, View, rises
+
+SNR = 60.0
+"""SNR, in dB, of the photographs that are made where none is asked for: the paper's."""
 
 WAVEFRONT = 1 << 24
 """Camera samples traced at once, by one kernel, which nothing can interrupt; bounds the memory."""
+
+MOST_POINTS = 1 << 21
+"""Wall points, at most, that direct light is averaged over: 23 s of two cores for the chair."""
+
+MOST_RAYS = 1 << 31
+"""Shadow rays, at most, of direct light: 6 s of two cores for the chair."""
+
+BLOCK = 1 << 26
+"""Entries of A at once: 256 MB."""
+
+MAX_ROUNDS = 32
+"""Most rounds of samples of other light, as of `render_background`."""
+
+TRACED = 1024, 1 << 18
+"""Camera samples a pixel of the path tracer to begin with, and at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """A photograph and its own error.
+
+    Attributes
+    ----------
+    photograph
+        (rows, columns, 3) radiance.
+    relative_error
+        Root mean square error over all pixels and channels, relative to the photograph's root mean
+        square: Monte Carlo noise, and what its grid of wall points cannot follow.
+    """
+
+    photograph: Array = field(repr=False)
+    relative_error: float
+
+    @property
+    def snr(self) -> float:
+        """Signal-to-noise ratio of the photograph itself, in dB."""
+        return -20 * math.log10(self.relative_error) if self.relative_error else math.inf
 
 
 def render_photograph(
     scenario: Scenario,
     image: NDArray[np.floating[Any]] | Mapping[str, NDArray[np.floating[Any]]],
     *,
-    samples: int = 4096,
+    snr: float = SNR,
+    samples: int | None = None,
     bounces: int | None = None,
     only_monitor: bool = False,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Array:
-    """Path trace a photograph of the wall while hidden surfaces show images.
+    """Render a photograph of the wall while hidden surfaces show images.
 
     Parameters
     ----------
@@ -37,45 +100,260 @@ def render_photograph(
     image
         (R, C, 3) linear radiance along the monitor's normal, of any R and C; of several hidden
         surfaces a mapping of such by id.
+    snr
+        Signal-to-noise ratio, in dB, of the noise that the photograph will be given: its own error
+        is at most a third of that, within a budget of some 20 s. No noise is added.
     samples
-        Camera samples a pixel, multi-jittered over its area; rounded up to a square number.
+        Camera samples a pixel of Mitsuba's path tracer, which then renders the photograph, whatever
+        the `snr`; rounded up to twice a square number. None lets the `snr` decide.
     bounces
         Reflections a path may have: 1 is the wall alone, as in A; None traces on until Russian
         roulette ends the path.
     only_monitor
         Remove every other emitter of the scene.
     seed
-        Seed of the sampler. The same seed and variant give the same bytes.
+        Seed of all samples. The same seed and variant give the same bytes.
     progress
         Called with the fraction done.
 
     Returns
     -------
     ndarray
-        (rows, columns, 3) float64 radiance.
+        (rows, columns, 3) float64 radiance; `rendering_of` also returns its error.
+
+    Warns
+    -----
+    RuntimeWarning
+        The photograph's own error exceeds a third of the noise.
     """
+    rendering = rendering_of(
+        scenario, image, snr=snr, samples=samples, bounces=bounces, only_monitor=only_monitor,
+        seed=seed, progress=progress,
+    )  # fmt: skip
+    if samples is None and rendering.relative_error > allowed_error(snr):
+        warnings.warn(
+            f"'{scenario.path.stem}': the photograph's own error is {rendering.relative_error:.1e} "
+            f"of its root mean square ({rendering.snr:.0f} dB), more than a third of the noise at "
+            f"{snr:g} dB",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return rendering.photograph
+
+
+def allowed_error(snr: float) -> float:
+    """Return the largest relative error of its own that a photograph of an SNR, in dB, may have."""
+    return float(SMALL * 10 ** (-snr / 20))
+
+
+def rendering_of(
+    scenario: Scenario,
+    image: NDArray[np.floating[Any]] | Mapping[str, NDArray[np.floating[Any]]],
+    *,
+    snr: float = SNR,
+    samples: int | None = None,
+    bounces: int | None = None,
+    only_monitor: bool = False,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Rendering:
+    """Return the photograph of `render_photograph`, which has the parameters, and its error."""
     require_vectorized("a photograph")
     images = scenario.hidden.images(image)
     for each in images.values():
         is_image = each.ndim == 3 and each.shape[2] == 3 and each.size > 0
         if not (is_image and 0 <= each.min() <= each.max() < np.inf):
             raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
-    if samples < 1 or (bounces is not None and bounces < 1):
+    if (samples is not None and samples < 1) or (bounces is not None and bounces < 1):
         raise InputError("samples and bounces must be at least 1")
-    scene = build_scene(scenario.scene, scenario.hidden, images, only_hidden=only_monitor)
-    depth = -1 if bounces is None else bounces + 1
+    if not np.isfinite(snr):
+        raise InputError(f"the signal-to-noise ratio must be finite, not {snr} dB")
+    report, target = progress or (lambda _: None), allowed_error(snr)
+    scene = scenario.scene
+    # Pictures have the film's pixels.
+    scenario = Scenario(View.of(scene, camera=scenario.view.camera), scenario.hidden)
+    other_lights = bool(scene.lights) and not only_monitor
+    shown = partial(
+        build_scene, scene, scenario.hidden, images, only_hidden=only_monitor or not other_lights
+    )
+    needs_paths = (bool(scene.transparent) and bounces != DIRECT) or (
+        other_lights and scenario.view.reflectance is None
+    )
+    if samples is not None or needs_paths:
+        return _path_traced(scenario, shown(), bounces, samples, target, seed, report)
+    try:
+        direct, error = _direct_light(scenario, images, target, seed)
+    except SceneError:  # where a pixel's edge misses the wall
+        return _path_traced(scenario, shown(), bounces, samples, target, seed, report)
+    report(0.5)
+    light, rest = np.zeros_like(direct), 0.0
+    if bounces != DIRECT or other_lights:
+        parts = _other_light(scenario, shown(), other_lights, bounces)
+        within = math.sqrt(max(target**2 - error**2, (target / 3) ** 2))
+        halfway = partial(_halfway, report)
+        light, rest = _smoothed(parts, scenario, direct, within, seed, halfway)
+    picture = np.maximum(direct + light, 0) * scenario.channel_gain
+    report(1.0)
+    return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest))
+
+
+def _halfway(report: Callable[[float], None], done: float) -> None:
+    report((1 + done) / 2)
+
+
+def _direct_light(
+    scenario: Scenario, images: Mapping[str, Array], target: float, seed: int
+) -> tuple[Array, float]:
+    """Return the light, (M, 3), that comes straight from hidden surfaces, and its relative error.
+
+    It is averaged over the points of a grid in each pixel. By areas two grids, one of four times
+    the points, bound the finer one's error: where shadows have edges it errs a third as much. By
+    rays two independent renderings on different grids show the error of their mean. A SceneError
+    says that an edge of a pixel misses the wall.
+    """
+    sizes = {name: (each.shape[0], each.shape[1]) for name, each in images.items()}
+    scenario = replace(scenario, hidden=Hidden.of_scene(scenario.scene, sizes))
+    f = np.concatenate([each.reshape(-1, 3) for each in images.values()]).astype(np.float32)
+    (M, N), across = scenario.transport_shape, points_across(scenario.photograph_shape)
+    if has_areas(scenario) and has_areas(scenario.averaged(2 * across)):
+        light = _light_by_areas(scenario.averaged(across), f)
+        while True:
+            across *= 2
+            coarse, light = light, _light_by_areas(scenario.averaged(across), f)
+            error = _half_difference(light, coarse, light)
+            if error <= target or M * (2 * across) ** 2 > MOST_POINTS:
+                return light, error
+    grids, samples = (2 * across, 2 * across + 1), 1
+    most = MOST_RAYS // (M * N * sum(each**2 for each in grids))
+    while True:
+        finer = (scenario.averaged(each) for each in grids)
+        first, second = (
+            _light_by_rays(RenderedTransport(each, samples, seed=_seed(seed, number)), f)
+            for number, each in enumerate(finer)
+        )
+        light = (first + second) / 2
+        error = _half_difference(first, second, light)
+        # At edges of shadows the error falls as samples^-0.75.
+        wanted = samples * max(4.0, (error / target) ** (4 / 3))
+        more = 2 ** math.ceil(math.log2(min(wanted, max(most, 1))))
+        if error <= target or more <= samples:
+            return light, error
+        samples = more
+
+
+def _half_difference(one: Array, other: Array, light: Array) -> float:
+    """Return the root mean square of half the difference of two lights, relative to that of one."""
+    scale = 2 * float(np.sqrt(np.mean(light**2))) or 1.0
+    return float(np.sqrt(np.mean((one - other) ** 2))) / scale
+
+
+def _light_by_areas(scenario: Scenario, f: NDArray[np.float32]) -> Array:
+    """Return A f, (M, 3), by areas, a block of pixels at a time."""
+    view, M = scenario.view, scenario.transport_shape[0]
+    rows = max(1, BLOCK // len(f) // view.shape[1]) * view.shape[1]
+    light = []
+    for start in range(0, M, rows):
+        some = np.zeros(M, bool)
+        some[start : start + rows] = True
+        part = Scenario(view.of_pixels(some.reshape(view.shape)), scenario.hidden)
+        light.append(area_transport(part).astype(np.float64) @ f)
+    return np.concatenate(light)
+
+
+def _light_by_rays(rays: RenderedTransport, f: NDArray[np.float32]) -> Array:
+    """Return A f, (M, 3), by shadow rays from each wall point to each patch."""
+    return np.concatenate([block.astype(np.float64) @ f for _, block in rays.row_blocks()])
+
+
+def _seed(seed: int, number: int) -> int:
+    """Return the seed of 32 bits of one of several independent parts."""
+    return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
+
+
+def _other_light(
+    scenario: Scenario, scene: Any, other_lights: bool, bounces: int | None
+) -> list[Part]:
+    """Return the parts of light that do not come straight from hidden surfaces."""
+    view, shape, parts = scenario.view, scenario.photograph_shape, list[Part]()
+    everywhere, M = np.arange(len(view.points)), len(view.points)
+    if other_lights:
+        albedo = float(np.mean(view.reflectance)) / np.pi
+        lift = LIFT * float(np.linalg.norm(np.ptp(view.centers, axis=0)))
+        height = np.maximum(lift, rises(view.centers, view.center_normals, shape))
+        points = view.centers + height[:, None] * view.center_normals
+        surface = points, view.center_normals, view.edges, DIRECT_SAMPLES
+        own = [shape_of(scene, name).emitter() for name in scenario.hidden]
+        for emitter in scene.emitters():
+            if emitter not in own:
+                arriving = partial(direct_irradiance, scene, emitter, *surface)
+                estimate = partial(_scaled, albedo, arriving)
+                parts.append(Part(estimate, everywhere, shape, M * DIRECT_SAMPLES))
+    if bounces != DIRECT:
+        sites = chosen_sites(shape)
+        tracer = make_tracer(scenario, sites, bounces, scene)
+        parts.append(Part(tracer, sites, shape, len(sites) * PATHS * RAY))
+    return parts
+
+
+def _scaled(factor: float, estimate: Callable[[int], Array], seed: int) -> Array:
+    return factor * estimate(seed)
+
+
+def _smoothed(
+    parts: list[Part],
+    scenario: Scenario,
+    direct: Array,
+    target: float,
+    seed: int,
+    progress: Callable[[float], None],
+) -> tuple[Array, float]:
+    """Return the light of parts, (M, 3), added to direct light, and its relative error."""
+    gain = scenario.channel_gain
+
+    def errors_of(replicas: Array, squared_bias: Array) -> tuple[float, ...]:
+        whole = (direct + replicas.mean(axis=0)) * gain
+        variance = replicas.var(axis=0, ddof=1) / len(replicas) + squared_bias
+        return (float(np.sqrt((variance * gain**2).mean() / (whole**2).mean())),)
+
+    seeds = (_seed(seed, number) for number in itertools.count())
+    with threadpool_limits(1):  # the last bits follow the number of threads
+        light, (error,) = refined(parts, target, MAX_ROUNDS, seeds, progress, errors_of)
+    return light, error
+
+
+def _path_traced(
+    scenario: Scenario,
+    scene: Any,
+    bounces: int | None,
+    samples: int | None,
+    target: float,
+    seed: int,
+    progress: Callable[[float], None],
+) -> Rendering:
+    """Return a photograph by Mitsuba's path tracer, of so many samples, or as the target asks.
+
+    Two renderings of half the samples each tell its error.
+    """
     # Mitsuba's plain path tracer takes a null BSDF for opaque where it samples emitters.
     kind = "volpath" if scenario.scene.transparent else "path"
-    camera = camera_of(scene, scenario.view.camera)
-    return path_trace(
-        scene,
-        depth,
-        samples=samples,
-        seed=seed,
-        progress=progress,
-        sensor=camera,
-        integrator=kind,
-    )
+    depth = -1 if bounces is None else bounces + 1
+    camera, count = camera_of(scene, scenario.view.camera), samples or TRACED[0]
+
+    def half(number: int) -> Array:
+        return path_trace(
+            scene, depth, samples=-(-count // 2), seed=_seed(seed, number),
+            progress=lambda done: progress((number + done) / 2), sensor=camera, integrator=kind,
+        )  # fmt: skip
+
+    while True:
+        first, second = half(0), half(1)
+        picture = (first + second) / 2
+        error = _half_difference(first, second, picture)
+        # The error falls as the samples' root at least.
+        wanted = min(math.ceil(1.2 * count * (error / target) ** 2), TRACED[1])
+        if samples is not None or error <= target or wanted <= count:
+            return Rendering(picture, error)
+        count = wanted
 
 
 def path_trace(

@@ -139,7 +139,7 @@ def render_background(
         raise SceneError(
             f"scene '{path}': no light reaches its wall; move its emitters or its wall"
         )
-    error = np.hypot(*errors)
+    error = float(np.linalg.norm(errors))
     if error > target:
         warnings.warn(
             f"'{path.stem}' stopped at a relative error of {error:.1e}, above {target:.1e}, after "
@@ -176,30 +176,34 @@ def refined(
     max_rounds: int,
     seeds: Iterator[int],
     progress: Callable[[float], None],
-) -> tuple[Array, tuple[float, float]]:
+    errors_of: "Callable[[Array, Array], tuple[float, ...]] | None" = None,
+) -> tuple[Array, tuple[float, ...]]:
     """Add rounds where they gain most for their time until the whole is as exact as the target.
 
-    Return the irradiance, (M, 3), and its errors, see `relative_errors`.
+    Return the light, (M, 3), and its errors: `relative_errors`, or what `errors_of` makes of the
+    same arguments. The root of their squares' sum is what the target bounds.
     """
+    errors_of = errors_of or relative_errors
     for part in parts:
         part.add_round(seeds)
     work = np.array([part.work for part in parts])
     while True:
         rounds, fits = np.array([part.rounds for part in parts]), [part.fit for part in parts]
         whole, bias = sum(fit.replicas for fit in fits), sum(fit.squared_bias for fit in fits)
-        mean, errors = np.mean(whole, axis=0), relative_errors(np.asarray(whole), np.asarray(bias))
-        if np.hypot(*errors) <= target or rounds.min() >= max_rounds:
+        mean, errors = np.mean(whole, axis=0), errors_of(np.asarray(whole), np.asarray(bias))
+        error = float(np.linalg.norm(errors))
+        if error <= target or rounds.min() >= max_rounds:
             return mean, errors
         alone = [(mean + f.replicas - f.replicas.mean(axis=0), f.squared_bias) for f in fits]
         # With the noise the bias falls: more is known of it, and higher powers serve better.
-        squared = np.square([relative_errors(*each) for each in alone]).sum(axis=1)
+        squared = np.square([errors_of(*each) for each in alone]).sum(axis=1)
         # One more round of n takes 1 / (n + 1) off a part's squared error.
         gain = np.where(rounds < max_rounds, squared / (rounds + 1) / work, -1)
-        progress(max(float(rounds.mean()) / max_rounds, (target / float(np.hypot(*errors))) ** 2))
+        progress(max(float(rounds.mean()) / max_rounds, (target / error) ** 2))
         parts[int(gain.argmax())].add_round(seeds)
 
 
-def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, float]:
+def relative_errors(replicas: Array, squared_bias: Array) -> tuple[float, ...]:
     """Return the relative and the brightness error of the replicas' mean, as `Background` has them.
 
     `replicas` are (K, M, 3) independent estimates of a picture, `squared_bias` (3,) of them all.

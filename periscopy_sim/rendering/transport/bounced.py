@@ -243,27 +243,33 @@ def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:
 
 
 def make_tracer(
-    scenario: Scenario, sites: NDArray[np.intp], bounces: int | None
+    scenario: Scenario,
+    sites: NDArray[np.intp],
+    bounces: int | None,
+    shown: Any = None,
+    paths: int = PATHS,
 ) -> Callable[[int], Array]:
-    """Return the function that estimates bounced light at some pixels by `PATHS` paths from each.
+    """Return the function that estimates bounced light at some pixels by `paths` paths from each.
 
     It maps a seed of 32 bits to (S, N, 3): radiance to the camera for each unit of a patch's normal
-    radiance. `bounces` is the most reflections of a path, 2 or more; None for any number.
+    radiance. `bounces` is the most reflections of a path, 2 or more; None for any number. If the
+    Mitsuba scene `shown` is given, whose hidden surfaces show images, the function returns their
+    light and that of every other emitter, (S, 3). Both leave the wall's colour out.
     """
     # Textured, so that Mitsuba samples points of hidden surfaces by their UV coordinates.
     hidden = scenario.hidden
     white = dict.fromkeys(hidden, np.ones((2, 2, 3)))
-    scene = build_scene(scenario.scene, hidden, white, only_hidden=True)
+    scene = shown or build_scene(scenario.scene, hidden, white, only_hidden=True)
     camera = camera_of(scene, scenario.view.camera)
     wall = shape_of(scene, scenario.view.wall)
     rows, columns = scenario.photograph_shape
     shapes = {name: mi.ShapePtr(shape_of(scene, name)) for name in hidden}
-    lanes = len(sites) * PATHS
-    path_numbers = PathNumbers(len(sites), (PATHS,))
+    lanes = len(sites) * paths
+    path_numbers = PathNumbers(len(sites), (paths,))
 
     def trace(seed: int) -> Array:
         numbers = path_numbers.shifted(seed)
-        site = dr.arange(mi.UInt32, lanes) // PATHS
+        site = dr.arange(mi.UInt32, lanes) // paths
         pixel = dr.gather(mi.UInt32, mi.UInt32(sites.astype(np.uint32)), site)
         x, y = pixel % columns + numbers(0), pixel // columns + numbers(1)
         ray, _ = camera.sample_ray(
@@ -281,6 +287,12 @@ def make_tracer(
             direction = mi.warp.square_to_cosine_hemisphere(where)
             direction.z = dr.mulsign(direction.z, si.wi.z)
             throughput = mi.Color3f(float(np.mean(scenario.view.reflectance)))
+        onward = si.spawn_ray(si.to_world(direction))
+        begin = {"throughput": throughput, "active": active, "most": bounces}
+        if shown is not None:
+            light, _ = trace_paths(scene, numbers, 7, onward, **begin)
+            dr.eval(light)  # the sums over its channels would each trace it anew
+            return np.array(dr.block_sum(light, paths), np.float64).T / paths
         sums = dr.zeros(mi.Int64, len(sites) * hidden.patches * 3)
 
         def splat(light: Any, emitter: Any, uv: Any, radiance: Any, active: Any) -> Any:
@@ -299,11 +311,8 @@ def make_tracer(
                 dr.scatter_reduce(dr.ReduceOp.Add, sums, whole, at + c, active & (radiance[c] > 0))
             return light
 
-        trace_paths(
-            scene, numbers, 7, si.spawn_ray(si.to_world(direction)), throughput=throughput,
-            active=active, most=bounces, deposit=splat,
-        )  # fmt: skip
-        return np.asarray(np.array(sums).reshape(len(sites), -1, 3) * (FINEST / PATHS))
+        trace_paths(scene, numbers, 7, onward, **begin, deposit=splat)
+        return np.asarray(np.array(sums).reshape(len(sites), -1, 3) * (FINEST / paths))
 
     return trace
 
