@@ -37,6 +37,18 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     return np.asarray(total / total.mean())
 
 
+def composite_error(
+    signal: Image, background: Image, sbr: float, of_signal: float, of_background: float
+) -> float:
+    """Return the relative error of a `composite` of two photographs from theirs.
+
+    Each is a root mean square error over the photograph's own root mean square.
+    """
+    light, ambient = signal / np.mean(signal), background / (np.mean(background) * sbr)
+    rms = [float(np.sqrt(np.mean(np.square(each)))) for each in (light, ambient, light + ambient)]
+    return math.hypot(of_signal * rms[0], of_background * rms[1]) / rms[2]
+
+
 def add_noise(photograph: Image, snr: float, seed: int) -> Array:
     """Add white Gaussian noise of standard deviation 10^(-SNR/20) times the root mean square.
 

@@ -18,7 +18,7 @@ from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.formats.exr import write_exr
 
-_PIXELS, _EFFORT = "Pixels along each side.", "Fraction of the path tracer's samples."
+_PIXELS, _EFFORT = "Pixels along each side.", "Fraction of the ambient light's samples."
 METHODS = {"preconditioned": "the paper's method", "noise-aware": "noise-aware method"}
 """The methods compared, and how the picture calls them."""
 
@@ -38,10 +38,9 @@ def demo(
         chair = "chair", [hidden], [f"resolution={resolution}"], seed
         scene = PhotoSession(*chair)
         light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)
-        write_exr(file, light, scene.metadata)
+        write_exr(file, light.photograph, scene.metadata)
     photograph(
-        session=scene, image=image, out=photo, samples=max(1, round(effort * 4096)),
-        ambient=str(ambient), sbr=0.5, snr=60.0,
+        session=scene, image=image, out=photo, ambient=str(ambient), sbr=0.5, snr=60.0
     )  # fmt: skip
     truth, y = scene.hidden_image(image), scene.photograph(photo).values
     pictures = [("hidden image", panels.displayable(truth, white=1))]

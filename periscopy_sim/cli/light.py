@@ -55,6 +55,16 @@ def check_memory(
         say(sentence("fine_grid", method=method, **values))
 
 
+def most_bounces(text: str) -> int | None:
+    """Return the most reflections of a path that ``--bounces`` names: None for any number."""
+    if text == "direct":
+        return 1
+    from periscopy_sim.rendering.transport.bounced import bounces_of_words
+
+    with fixable("--bounces"):
+        return bounces_of_words(text)
+
+
 @dataclass(frozen=True)
 class MonitorLight(options.OptionGroup):
     """The options of A, checked before anything is rendered."""
@@ -69,12 +79,7 @@ class MonitorLight(options.OptionGroup):
     @property
     def most_bounces(self) -> int | None:
         """The most reflections of a path: 1 of direct light, None of any number."""
-        if self.bounces == "direct":
-            return 1
-        from periscopy_sim.rendering.transport.bounced import bounces_of_words
-
-        with fixable("--bounces"):
-            return bounces_of_words(self.bounces)
+        return most_bounces(self.bounces)
 
     def plan(
         self, scenario: ps.Scenario, noise: float | None, seed: int = 0, method: str = DEFAULT

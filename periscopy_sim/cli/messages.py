@@ -72,6 +72,10 @@ SENTENCES = {
     "transport_error": (
         "{name} by {model} errs by {error:.3g} % of the light, more than the noise of {noise:.3g} %"
     ),
+    "photograph_error": (
+        "the photograph's own error is {percent:.2g} % of its root mean square ({own:.0f} dB): "
+        "more than a third of the noise at {snr:g} dB"
+    ),
     "fine_grid": (
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory; after A, "
         "the fit takes {seconds:.0f} s or more on two cores, and the standard errors as long"

@@ -7,10 +7,11 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import MonitorLight
+from periscopy_sim.cli.light import MonitorLight, most_bounces
 from periscopy_sim.cli.options import LIGHT, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
+from periscopy_sim.measurement import composite_error, noise_to_signal
 from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs, find_condition
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
@@ -22,7 +23,8 @@ _TARGET = "Relative error of a pixel of ambient light to reach."
 TargetOption = Annotated[float, option("NUMBER", _TARGET, kind="error")]
 _IMAGE = "The hidden image: a file, or a shipped one."
 _OF_EACH = "Image of a hidden surface; repeatable."
-_SAMPLES, _SBR = "Camera samples a pixel.", "Signal-to-background ratio."
+_SAMPLES = "Camera samples a pixel of the path tracer. [default: as the SNR needs, without it]"
+_SBR = "Signal-to-background ratio."
 _NAMES = "Scene files or shipped conditions."
 _AMBIENT = "Ambient light to add: a photograph or a shipped condition."
 
@@ -33,26 +35,35 @@ def photograph(
     image: Annotated[str | None, argument("IMAGE", _IMAGE)] = None,
     images: Annotated[list[str] | None, option("ID=IMAGE", _OF_EACH, "--image")] = None,
     out: options.OutFile,
-    samples: Annotated[int, option("NUMBER", _SAMPLES, kind="camera samples", group=LIGHT)] = 4096,
+    samples: Annotated[
+        int | None, option("NUMBER", _SAMPLES, kind="camera samples", group=LIGHT)
+    ] = None,
+    bounces: options.BouncesOption = "all",
     ambient: Annotated[str | None, option("LIGHT", _AMBIENT, group=LIGHT)] = None,
     sbr: Annotated[float | None, option("RATIO", _SBR, kind="ratio", group=LIGHT)] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
     target: TargetOption = 3e-4,
 ) -> None:
-    """Path trace a photograph of the wall, as an EXR file."""
+    """Render a photograph of the wall, as an EXR file.
+
+    Its own error is at most a third of the noise of --snr (else of 60 dB); a line says if not.
+    """
+    from periscopy_sim.rendering.photograph import SNR, rendering_of
+
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
     if ambient is not None and not Path(ambient).is_file():
         ps.find_scene(f"ambient/{ambient}")
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
+    most, purpose = most_bounces(bounces), SNR if snr is None else snr
     names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
     hidden = session.scenario.hidden
     settings: dict[str, Any] = {
         "camera": session.sensor,
         "image": hidden.unwrapped(names), "hidden": hidden.sizes, "samples": samples,
-        "ambient": ambient,
+        "bounces": bounces, "ambient": ambient,
         "sbr": sbr, "snr": snr, "target": None if ambient is None else target,
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
@@ -60,12 +71,23 @@ def photograph(
         session.check_shadows()
         picture = session.hidden_image(names)
         background = None if ambient is None else session.ambient_light(ambient, target)
-        with progress("path tracing the photograph") as report:
-            y = ps.render_photograph(
-                session.scenario, picture, samples=samples, seed=session.seed, progress=report
-            )
+        # Light that ambient light outshines may err more; both together have a third of the noise.
+        noise = noise_to_signal(purpose, np.inf)
         if background is not None and sbr is not None:
-            y = ps.composite(y, background, sbr)
+            noise = noise_to_signal(purpose, sbr) / np.sqrt(2)
+        with progress("rendering the photograph") as report:
+            rendered = rendering_of(
+                session.scenario, picture, snr=-20 * np.log10(noise), samples=samples,
+                bounces=most, seed=session.seed, progress=report,
+            )  # fmt: skip
+        y, error = rendered.photograph, rendered.relative_error
+        if background is not None and sbr is not None:
+            ambient_light = background.photograph
+            error = composite_error(y, ambient_light, sbr, error, background.relative_error)
+            y = ps.composite(y, ambient_light, sbr)
+        settings["relative_error"] = float(f"{error:.3g}")
+        if snr is not None or samples is None:
+            session.check_photograph(error, purpose)
         y = y if colours is None else colours.mix(y)
         y = y if snr is None else ps.add_noise(y, snr, session.seed)
         settings["image_sha256"] = image_sha256(picture)

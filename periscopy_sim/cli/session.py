@@ -181,16 +181,15 @@ class Session(options.OptionGroup):
         images = {n: ps.read_hidden_image(ps.find_image(by_id[n]), hidden[n].shape) for n in hidden}
         return hidden.unwrapped(images)
 
-    def ambient_light(self, name: str, target: float = 3e-4) -> Array:
-        """Return ambient light, (rows, columns, 3): a photograph's, or path traced to a target."""
+    def ambient_light(self, name: str, target: float = 3e-4) -> ps.Background:
+        """Return ambient light: a photograph's, of no known error, or path traced to a target."""
         if Path(name).is_file():
-            return self.photograph(Path(name)).values
+            return ps.Background(self.photograph(Path(name)).values, 0.0, 0.0)
         with progress("path tracing the ambient light") as report:
             seed = self.seed + 1  # other paths than the photograph's
-            light = ps.render_background(
+            return ps.render_background(
                 f"ambient/{name}", self.scenario, target=target, seed=seed, progress=report
             )
-            return light.photograph
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
@@ -198,6 +197,14 @@ class Session(options.OptionGroup):
         for warning in photograph.warnings:
             self.warn(warning)
         return photograph
+
+    def check_photograph(self, error: float, snr: float) -> None:
+        """Warn where the own error of a photograph exceeds a third of its noise, of an SNR."""
+        from periscopy_sim.rendering.photograph import allowed_error
+
+        if error > allowed_error(snr):
+            own = {"percent": 100 * error, "own": -20 * np.log10(error)}
+            self.warn(sentence("photograph_error", **own, snr=snr))
 
     def transport(
         self,

@@ -239,8 +239,9 @@ def _evaluate(
     y, truth = world.photograph(**of_trial, base=base), world.truth(of_trial["image"])
     scale, surfaces = world.scale(of_trial["image"], of_trial["sbr"]), world.hidden.shapes
     outcomes = []
+    own_error = world.own_error(*(of_trial[each] for each in ("image", "background", "sbr")))
     for name in methods:
-        made = world.transport.get(name, {})
+        made = {**world.transport.get(name, {}), "photograph_error": own_error}
         of_A = {variable: made.get(variable, made.get(variable[10:])) for variable in MADE}
         values: dict[str, Any] = {n: v for n, v in of_A.items() if v is not None}
         try:

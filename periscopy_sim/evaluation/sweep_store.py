@@ -34,8 +34,9 @@ MADE = {
     "transport_model": (str, "", "how the method's A was made"),
     "transport_samples": (np.float64, np.nan, "its rays from each wall point to each patch"),
     "transport_error": (np.float64, np.nan, "its error of a white image's light, over the mean"),
+    "photograph_error": (np.float64, np.nan, "the photograph's own, over its root mean square"),
 }
-"""Variables on a method's A: type, what stands for none, and meaning."""
+"""Variables on how A and photograph were made: type, what stands for none, and meaning."""
 
 Values = Mapping[str, Any]
 """Values of some axes, by their names."""

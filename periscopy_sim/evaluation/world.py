@@ -10,7 +10,7 @@ import numpy as np
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.measurement import add_noise, composite
+from periscopy_sim.measurement import add_noise, composite, composite_error
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.reconstruction.method import Method
@@ -42,6 +42,9 @@ class World:
         How each method's A was made, by the method's name: `TransportPlan.origin`.
     draw
         A world that differs from others by chance, as by what a ruler reads, has noise of its own.
+    errors
+        Name of a hidden image, or of ambient light, to the own error of its photograph, over the
+        photograph's root mean square; without an entry it is not known, and counts as none.
     measures
         Further numbers that some methods return by ``measures(photograph)``: long names and units.
 
@@ -57,6 +60,7 @@ class World:
     methods: Mapping[str, Method]
     transport: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     draw: int = 0
+    errors: Mapping[str, float] = field(default_factory=dict)
     measures: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -131,6 +135,17 @@ class World:
         photograph = np.zeros(signal.values.shape)
         photograph[signal.pixels] = add_noise(exposed, snr, entropy)
         return photograph
+
+    def own_error(self, image: str, background: str, sbr: float) -> float | None:
+        """Return the own error of a `photograph` before noise, over its root mean square.
+
+        None where nothing is known of it.
+        """
+        if not self.errors:
+            return None
+        signal, ambient = self.signals[image].used, self.backgrounds[background].used
+        errors = (self.errors.get(name, 0.0) for name in (image, background))
+        return composite_error(signal, ambient, sbr, *errors)
 
     def scale(self, image: str, sbr: float) -> float:
         """Return what `photograph` multiplies a signal by."""

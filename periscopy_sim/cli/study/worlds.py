@@ -1,5 +1,7 @@
 """The worlds of a sweep: what each needs is rendered once, and kept in its folder."""
 
+import hashlib
+import json
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -12,8 +14,7 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
-from periscopy_sim.cli.output import fixable, part_of_command, progress
-from periscopy_sim.cli.render import photograph as take_photograph
+from periscopy_sim.cli.output import fixable, output_files, part_of_command, progress
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
@@ -23,7 +24,7 @@ from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.ambient_library import ambient_photographs
-from periscopy_sim.storage.formats.exr import read_exr
+from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 
 if TYPE_CHECKING:
@@ -99,7 +100,9 @@ class Worlds:
         true, assumed = self._session(values), self._session(values, ASSUMED)
         true.check_scene()
         at = self._folder(values)
-        signals = {name: self._signal(true, at, name) for name in self.shown}
+        rendered = {name: self._signal(true, at, name) for name in self.shown}
+        signals = {name: photograph for name, (photograph, _) in rendered.items()}
+        errors = {name: error for name, (_, error) in rendered.items()}
         wall = next(iter(signals.values()))
         traced = ambient_photographs(
             [name for name, light in self.ambient.items() if light is None],
@@ -125,6 +128,7 @@ class Worlds:
             methods=fitted,
             transport={name: plan.origin for name, plan in plans.items()},
             draw=int(values.get(DRAW, 0)),
+            errors=errors,
             measures=self.measures,
         )
 
@@ -240,21 +244,38 @@ class Worlds:
         texts = {n: f"{v:.9g}" if isinstance(v, float) else Path(v).stem for n, v in own.items()}
         return self.out / ",".join(f"{name}={text}" for name, text in texts.items())
 
-    def _signal(self, session: WallSession, folder: Path, name: str) -> Photograph:
-        """Return the photograph of a hidden image, given or path traced, from its file if any."""
+    def _signal(self, session: WallSession, folder: Path, name: str) -> tuple[Photograph, float]:
+        """Return the photograph of a hidden image and its own error over its root mean square.
+
+        It is given, then of no known error, or rendered, from its file if any. As A it serves the
+        sweep's least noise, of which ambient light's error has its part.
+        """
+        from periscopy_sim.rendering.photograph import rendering_of
+
         if name in self.photographs:
-            return self.photographs[name]
+            return self.photographs[name], 0.0
         file = folder / f"photograph_{name}.exr"
+        picture, snr = session.hidden_image(self.shown[name]), -20 * np.log10(self.noise) + 3
         made = {n: session.provenance[n] for n in ("scene_sha256", "parameters", "seed")}
-        made |= {"camera": session.sensor}
-        made |= {"image_sha256": image_sha256(session.hidden_image(self.shown[name]))}
-        # A picture or a scene of this name may have been another.
-        if not (file.is_file() and as_text(made).items() <= read_exr(file)[1].items()):
-            images = [f"{surface}={image}" for surface, image in self.shown[name].items()]
-            with part_of_command():
-                take_photograph(session=session, images=images, out=file)
+        made |= {"camera": session.sensor, "bounces": self.light.bounces}
+        made |= {"image_sha256": image_sha256(picture)}
+        held = read_exr(file)[1] if file.is_file() else {}
+        # A picture or a scene of this name may have been another, or the noise larger.
+        if not (as_text(made).items() <= held.items() and float(held["made_for_snr"]) >= snr):
+            with output_files(file) as (staged,), progress(f"photograph: {name}") as report:
+                rendered = rendering_of(
+                    session.scenario, picture, snr=snr, bounces=self.light.most_bounces,
+                    seed=_seed_of(session, name), progress=report,
+                )  # fmt: skip
+                held = {
+                    **as_text({**session.provenance, **made, "image": self.shown[name]}),
+                    "relative_error": rendered.relative_error,
+                    "made_for_snr": snr,
+                }
+                write_exr(staged, rendered.photograph, held)
         mask, monitor_off = session.companions()
-        return replace(session.photograph(file), mask=mask, monitor_off=monitor_off)
+        wall = replace(session.photograph(file), mask=mask, monitor_off=monitor_off)
+        return wall, float(held["relative_error"])
 
     def _light(self, values: Mapping[str, Any]) -> Light:
         """Return the light that is modelled at values of axes."""
@@ -326,6 +347,13 @@ class Worlds:
             with part_of_command():
                 write_transport(session, light, plan, file)
         return session.transport(light, matrix=file)
+
+
+def _seed_of(session: WallSession, name: str) -> int:
+    """Return the seed of a photograph: each image at each place has rays of its own."""
+    labels = [session.seed, name, *sorted(session.scenario.parameters.items())]
+    digest = hashlib.sha256(json.dumps(labels).encode()).digest()
+    return int.from_bytes(digest[:4])
 
 
 def _is_known(values: Mapping[str, Any]) -> bool:
