@@ -119,14 +119,14 @@ class Setting(FittedScene):
 
     @cached_property
     def measured(self) -> Measured:
-        """The real photograph where there is one, else one path traced, all bounces."""
+        """The real photograph where there is one, else one rendered, all bounces."""
         if self.real is not None:
             signal = ps.read_photograph(self.real, self.scenario.photograph_shape).values
             return Measured(signal, ps.read_hidden_image(self.real, self.hidden), "real")
         truth = ps.read_hidden_image(ps.find_image(self.image), self.hidden)
 
         def render() -> Array:
-            return ps.render_photograph(self.scenario, truth, samples=8192, seed=self.seed)
+            return ps.render_photograph(self.scenario, truth, seed=self.seed)
 
         return Measured(self.kept(self.image, "chair", render), truth, "path-traced")
 

@@ -64,7 +64,7 @@ truth = ps.read_hidden_image(ps.find_image("letters"), hidden)
 lamps = ps.point_light_backgrounds(scene, np.array([[-1.2, 1.9, 0.4], [0.8, 2.6, 1.3]]))
 room = (lamps @ [[1.0, 0.8, 0.6], [0.7, 0.8, 1.0]]).reshape(63, 63, 3)
 world = ps.World(
-    signals={"letters": ps.render_photograph(scene, truth, samples=1024)},
+    signals={"letters": ps.render_photograph(scene, truth)},
     truths={"letters": truth},
     backgrounds={"two lamps": room},
     methods=methods,

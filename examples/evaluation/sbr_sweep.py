@@ -31,7 +31,7 @@ for name in ("room 1", "room 2", "room 3"):
     rooms[name] = (ps.point_light_backgrounds(scene, lamps) @ colours).reshape(63, 63, 3)
 
 world = ps.World(
-    signals={"mushroom": ps.render_photograph(scene, truth, samples=1024)},
+    signals={"mushroom": ps.render_photograph(scene, truth)},
     truths={"mushroom": truth},
     backgrounds=ps.flips(rooms),
     methods={

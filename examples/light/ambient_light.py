@@ -42,7 +42,7 @@ for k, ax in enumerate(axes):
 # ships with the package. The monitor's mushroom is half as bright (an SBR of 0.5).
 
 image = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(scene, image, samples=1024)
+signal = ps.render_photograph(scene, image)
 sky = ps.render_background("ambient/overcast", scene, target=3e-3).photograph
 photograph = ps.composite(signal, sky, sbr=0.5)
 

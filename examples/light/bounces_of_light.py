@@ -14,8 +14,8 @@ import periscopy_sim as ps
 hidden = (15, 18)
 scene = ps.load_scenario("bright_room", hidden, {"resolution": 63})
 image = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-direct = ps.render_photograph(scene, image, samples=1024, bounces=1)
-all_bounces = ps.render_photograph(scene, image, samples=1024)
+direct = ps.render_photograph(scene, image, bounces=1)
+all_bounces = ps.render_photograph(scene, image)
 bounced = all_bounces - direct
 share = bounced.mean() / all_bounces.mean()
 print(f"{100 * share:.0f} % of the light has bounced")

@@ -36,7 +36,7 @@ print(A.shape, B.shape)
 # its noise, in dB.
 
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(scene, truth, samples=2304)
+signal = ps.render_photograph(scene, truth)
 sky = ps.render_background("ambient/overcast", scene, target=3e-3).photograph
 photograph = ps.add_noise(ps.composite(signal, sky, sbr=0.5), snr=60, seed=0)
 

@@ -21,7 +21,7 @@ A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 # :math:`B`.
 
 truth = ps.read_hidden_image(ps.find_image("still_life"), hidden)
-signal = ps.render_photograph(scene, truth, samples=1024)
+signal = ps.render_photograph(scene, truth)
 lamps = np.array([[-1.2, 1.9, 0.4], [0.8, 2.6, 1.3], [2.1, 3.4, -0.7]])  # metres, about the wall
 colours = np.array([[1.0, 0.8, 0.6], [0.7, 0.8, 1.0], [1.0, 1.0, 0.9]])
 room = (ps.point_light_backgrounds(scene, lamps) @ colours).reshape(signal.shape)

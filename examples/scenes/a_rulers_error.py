@@ -15,7 +15,7 @@ hidden = (10, 12)
 true_values = {"occluder_dx": 0.004}
 true_scene = ps.load_scenario("chair", hidden, {"resolution": 48, **true_values})
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(true_scene, truth, samples=4096, bounces=1)
+signal = ps.render_photograph(true_scene, truth, bounces=1)
 lamp = ps.point_light_backgrounds(true_scene, np.array([[-1.2, 1.9, 0.4]])).reshape(48, 48, 1)
 photograph = ps.add_noise(ps.composite(signal, lamp + 0 * signal, sbr=3), snr=60, seed=0)
 

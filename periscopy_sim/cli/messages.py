@@ -76,6 +76,10 @@ SENTENCES = {
         "the photograph's own error is {percent:.2g} % of its root mean square ({own:.0f} dB): "
         "more than a third of the noise at {snr:g} dB"
     ),
+    "bounces": (
+        "{scene}: light that bounces off other surfaces is {ratio:.2g} times the noise: pass "
+        "--bounces all"
+    ),
     "fine_grid": (
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory; after A, "
         "the fit takes {seconds:.0f} s or more on two cores, and the standard errors as long"

@@ -103,6 +103,8 @@ def reconstruct(
             solution = joint.solve(wall)
             found = session.scenario.hidden.images(solution.image)
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
+        for camera, view in views.items():
+            view.check_bounces(methods[camera], images, walls[camera])
         doing = "residual and standard errors"
         with session.timed(doing), output.progress(f"computing {doing}"):
             report = joint.report(wall, solution)

@@ -366,6 +366,30 @@ class PhotoSession(WallSession):
             self.check_rank(fitted, wall)
             return fitted
 
+    def check_bounces(
+        self, fitted: "StillMethod[Any]", images: Mapping[str, Array], wall: ps.Photograph
+    ) -> None:
+        """Warn where light of the images that bounces, and no ambient light of B, exceeds noise.
+
+        A direct A lacks it.
+        """
+        from periscopy_sim.rendering.photograph import bounced_light
+        from periscopy_sim.rendering.variant import is_vectorized
+
+        noise = self.record.get("relative_noise")
+        is_plain = {each.shape[2] for each in images.values()} == {3} and fitted.fit.mixing is None
+        if self.settings.get("bounces") != "direct" or not (noise and is_plain and is_vectorized()):
+            return
+        if self.scenario.scene.transparent:
+            return
+        with self.timed("light that bounces"), progress("estimating light that bounces"):
+            light = bounced_light(self.scenario, images, self.seed)
+        shape = *self.scenario.photograph_shape, 3
+        planes, mean = (fitted.fit.vectors(each).T for each in (light.reshape(shape), wall.values))
+        rest = np.sqrt(np.mean(fitted.fit.project_out(planes) ** 2, axis=1))
+        if (ratio := float((rest / mean.mean(axis=1)).max()) / noise) > 1:
+            self.warn(sentence("bounces", scene=self.scene, ratio=ratio))
+
     def check_rank(self, fitted: "StillMethod[Any]", wall: ps.Photograph) -> None:
         """Reject P of an A whose rank is but that of its rays' grain: other rays prove it."""
         from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport

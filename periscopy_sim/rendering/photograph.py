@@ -197,6 +197,20 @@ def rendering_of(
     return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest))
 
 
+def bounced_light(
+    scenario: Scenario, images: Mapping[str, NDArray[np.floating[Any]]], seed: int = 0
+) -> Array:
+    """Return the light, (M, 3), that images send to the wall by way of other surfaces, roughly.
+
+    A direct A lacks it. Images are as for `render_photograph`, by id; negative values are black.
+    """
+    shown = {name: np.maximum(image, 0) for name, image in images.items()}
+    scene = build_scene(scenario.scene, scenario.hidden, shown, only_hidden=True)
+    (part,) = _other_light(scenario, scene, other_lights=False, bounces=None)
+    part.add_round(_seed(seed, number) for number in itertools.count())
+    return np.asarray(part.fit.replicas.mean(axis=0) * scenario.channel_gain)
+
+
 def _halfway(report: Callable[[float], None], done: float) -> None:
     report((1 + done) / 2)
 

@@ -1,0 +1,96 @@
+"""Photographs state their own error: true against closed forms and against the path tracer."""
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.measurement import composite, composite_error
+from periscopy_sim.rendering import photograph
+from periscopy_sim.rendering.photograph import path_trace, render_photograph, rendering_of
+from periscopy_sim.rendering.scene.load import build_scene
+from tests.scenes.materials import GLOSSY, painted
+
+RATIO = 2.0
+"""Of a stated error by rays to one draw's; both are over hundreds of pixels, so known to 10 %."""
+
+
+def rms(values):
+    return np.sqrt(np.mean(np.square(values)))
+
+
+@pytest.fixture(params=["white", "letters", "one patch"])
+def image(request):
+    shown = np.zeros((6, 8, 3))
+    shown[2, 3] = 1, 0.5, 0.2
+    pictures = {
+        "white": np.ones((6, 8, 3)),
+        "letters": ps.read_hidden_image(ps.find_image("letters"), (6, 8)),
+        "one patch": shown,
+    }
+    return pictures[request.param]
+
+
+@pytest.mark.parametrize("snr", [40, 70])
+def test_error_by_areas_bounds_the_distance_from_a_finer_grid(shipped, image, snr):
+    scene = shipped("chair")
+    rendering = rendering_of(scene, image, snr=snr, bounces=1)
+    assert rendering.relative_error <= photograph.allowed_error(snr)
+    finest = ps.analytic_transport(scene.averaged(64)).astype(float) @ image.reshape(-1, 3)
+    off = rms(rendering.photograph.reshape(-1, 3) - finest) / rms(finest)
+    assert 0.2 * rendering.relative_error < off < 1.2 * rendering.relative_error + 3e-5
+
+
+def test_error_by_rays_is_the_distance_from_areas(shipped, image, monkeypatch):
+    scene = shipped("chair")
+    exact = rendering_of(scene, image, snr=80, bounces=1).photograph
+    monkeypatch.setattr(photograph, "has_areas", lambda _: False)
+    first, second = (rendering_of(scene, image, snr=45, bounces=1, seed=k) for k in range(2))
+    assert first.relative_error <= photograph.allowed_error(45)
+    assert (first.photograph != second.photograph).any()
+    off = rms(first.photograph - exact) / rms(exact)
+    assert 1 / RATIO < off / first.relative_error < RATIO
+
+
+@pytest.mark.parametrize("kind", ["coloured", "glossy", "lamp", "sphere"])
+def test_photograph_is_the_path_tracers(room, same_mean, kind):
+    """All bounces and lamps, by other code, at an error rate of 1e-5."""
+    lamp = (
+        '<emitter type="point"><point name="position" value="0.9, -0.3, 0.5"/>'
+        '<rgb name="intensity" value="0.1, 0.2, 0.4"/></emitter>'
+    )
+    bright = room.blocker().replace(room.black, '<bsdf type="diffuse"/>')
+    extra = {"lamp": [bright, lamp], "glossy": [bright], "sphere": [room.blocker()]}
+    wall = {"coloured": room.wall(painted("0.9, 0.3, 0.15")), "glossy": room.wall(GLOSSY)}
+    parts = {"wall": wall[kind]} if kind in wall else {}
+    scene = room.load(*extra.get(kind, [bright]), hidden=(2, 3), **parts)
+    image = np.random.default_rng(0).random((2, 3, 3))
+    ours = [render_photograph(scene, image, snr=40, seed=seed) for seed in range(8)]
+    shown = build_scene(scene.scene, scene.hidden, {"monitor": image})
+    theirs = [path_trace(shown, -1, samples=1024, seed=100 + seed) for seed in range(8)]
+    same_mean(theirs, ours)
+
+
+def test_path_tracers_error_is_its_scatter(room):
+    scene, image = room.load(room.blocker()), np.ones((2, 3, 3))
+    draws = [rendering_of(scene, image, samples=128, seed=seed) for seed in range(12)]
+    scatter = rms(np.std([each.photograph for each in draws], axis=0, ddof=1))
+    scatter /= rms(draws[0].photograph)
+    assert np.mean([each.relative_error for each in draws]) == pytest.approx(scatter, rel=0.3)
+
+
+def test_an_snr_beyond_the_budget_is_warned_of(shipped, monkeypatch):
+    monkeypatch.setattr(photograph, "MOST_POINTS", 0)
+    with pytest.warns(RuntimeWarning, match="error"):
+        render_photograph(shipped("chair"), np.ones((6, 8, 3)), snr=120, bounces=1)
+
+
+def test_error_of_a_composite_is_that_of_its_parts():
+    """Over 200 draws of both errors, known to 5 %."""
+    rng = np.random.default_rng(0)
+    signal, ambient = 1 + rng.random((2, 12, 10, 3))
+    signal[:6] = 0
+    exact, off = composite(signal, ambient, 0.4), []
+    for _ in range(200):
+        noisy = (y + 0.01 * rms(y) * rng.standard_normal(y.shape) for y in (signal, ambient))
+        off.append(rms(composite(*noisy, 0.4) - exact) / rms(exact))
+    assert rms(off) == pytest.approx(composite_error(signal, ambient, 0.4, 0.01, 0.01), rel=0.1)
