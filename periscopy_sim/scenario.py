@@ -138,7 +138,7 @@ class Scenario:
 
     @property
     def channel_gain(self) -> Array:
-        """(3,) the wall's colour, see `View`."""
+        """(3,) or (M, 3) the wall's colour, see `View`."""
         return self.view.channel_gain
 
     @property

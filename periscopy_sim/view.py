@@ -37,9 +37,11 @@ class View:
     corners
         (2, 4, 3) where the rays through the photograph's corner pixels, in turn, start and end.
     reflectance
-        (3,) albedo of a diffuse wall; None for another material.
+        (3,) albedo of a diffuse wall, or (M, 3) of each pixel's area where the wall has a texture;
+        None for another material.
     channel_gain
-        (3,) the wall's colour, mean 1: a photograph's channel c is channel_gain[c] * A @ f[:, c].
+        (3,) the wall's colour, mean 1, or (M, 3) that of each pixel beside its `albedo`: a
+        photograph's channel c is channel_gain[..., c] * A @ f[:, c].
     relief
         How far the wall's shape, seen or not, reaches into the room out of the plane that is seen,
         in metres: there it might cast shadows.
@@ -107,6 +109,40 @@ class View:
         clear = (name, *self.scene.transparent)
         return *self.occluders, *(each for each in self.scene.surfaces if each.name not in clear)
 
+    @cached_property
+    def albedo(self) -> Array:
+        """(M, 1) albedo in each row of A, or (1, 1) for all, of a diffuse wall.
+
+        One albedo serves all channels: their `channel_gain` is the rest. In a texture this is the
+        albedo by which noise of the photograph, divided by the gain, is as strong in each pixel, in
+        the mean over channels; of a grey texture, the pixel's albedo.
+        """
+        assert self.reflectance is not None
+        sums = (np.atleast_2d(each).sum(axis=1) for each in (self.reflectance, self.channel_gain))
+        return np.asarray(np.divide(*sums)[:, np.newaxis])
+
+    @property
+    def has_texture(self) -> bool:
+        """Whether the wall's reflectance differs from pixel to pixel."""
+        return self.channel_gain.ndim == 2
+
+    @property
+    def paint(self) -> Array:
+        """(M, 1) albedo of each row of A over their mean; (1, 1), one, without a texture."""
+        return self.albedo / self.albedo.mean() if self.has_texture else np.ones((1, 1))
+
+    @property
+    def even(self) -> "View":
+        """The view of the same wall without its texture, painted evenly in the mean colour.
+
+        A and ambient light of this wall, times `paint`, are those of the textured one.
+        """
+        if not self.has_texture:
+            return self
+        colour = (self.channel_gain * self.paint).mean(axis=0)
+        reflectance = self.albedo.mean() * colour / colour.mean()
+        return replace(self, reflectance=reflectance, channel_gain=colour / colour.mean())
+
     @property
     def numbers(self) -> NDArray[np.intp]:
         """(M,) row-major numbers of the pixels in the photograph."""
@@ -150,16 +186,17 @@ class View:
     def of_pixels(self, pixels: Mask) -> "View":
         """Return the view of some of this view's pixels: True of (rows, columns)."""
         used, K = pixels.ravel()[self.numbers], self.points.shape[1]
-        rays = self.rays[:, np.repeat(used, K)]
-        return replace(
-            self, points=self.points[used], normals=self.normals[used], rays=rays, pixels=pixels
-        )
+        by_pixel = ["points", "normals"]
+        by_pixel += ["reflectance", "channel_gain"] * self.has_texture
+        chosen = {name: getattr(self, name)[used] for name in by_pixel}
+        return replace(self, **chosen, rays=self.rays[:, np.repeat(used, K)], pixels=pixels)
 
     def moved(self, scene: Scene, motions: Mapping[str, Array]) -> "View | None":
         """Return the view in a scene whose things moved; None where only rays can show it.
 
         The motions, (4, 4), are by id. The camera's rays meet the wall's plane elsewhere: exact
-        while the wall is a plain rectangle and no shape comes near the camera's view of it.
+        while the wall is a plain rectangle and no shape comes near the camera's view of it. The
+        colours of a texture stay those of this view.
         """
         view = replace(self, scene=scene)
         if motions.keys() & {self.camera, self.wall}:

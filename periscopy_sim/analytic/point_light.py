@@ -96,7 +96,7 @@ def point_light_backgrounds(seen: View | Scenario, grid: Array | None = None) ->
     Returns
     -------
     ndarray
-        B, (M, L) float64 in 1/m², averaged over the points of each pixel.
+        B, (M, L) float64 in 1/m², averaged over the points of each pixel, times its `View.paint`.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def point_light_backgrounds(seen: View | Scenario, grid: Array | None = None) ->
         )
     lights = frame.center + offsets @ np.stack([frame.across, frame.normal, frame.up])
     B = point_light_response(lights, view.points.reshape(-1, 3), view.normals.reshape(-1, 3))
-    return np.asarray(B.reshape(*view.points.shape[:2], -1).mean(axis=1))
+    return np.asarray(B.reshape(*view.points.shape[:2], -1).mean(axis=1)) * view.paint
 
 
 def _stretched_grid(view: View) -> Array:

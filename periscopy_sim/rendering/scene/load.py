@@ -21,6 +21,7 @@ from periscopy_sim.rendering.scene.wall import (
     middle_shape,
     shape_of,
     surface_at,
+    trace_paint,
     trace_wall,
 )
 from periscopy_sim.rendering.variant import LANES, mi, without_warnings
@@ -167,6 +168,7 @@ class SceneLoader:
         emission = layout.emission
         lights, transparent = nodes.other_lights(), tuple(nodes.transparent)
         self._materials = {name: nodes.material(name) for name in nodes.walls}
+        self._textured = [name for name in nodes.walls if nodes.has_texture(name)]
         self._built = mi.variant(), nodes.instantiate()
         shapes = {shape.id(): shape for shape in self._built[1].shapes()}
         boxes = {name: _box(shape, nodes.path) for name, shape in shapes.items()}
@@ -238,6 +240,8 @@ class SceneLoader:
                 view = last.moved(scene, {})
             else:
                 view = loaded.moved(scene, scene.motions)
+                if view is not None and view.wall in self._textured:
+                    view = replace(view, **self._paint(view))
             if view is not None:
                 self._last_views[key] = view
                 return view
@@ -284,6 +288,14 @@ class SceneLoader:
         """Return the Mitsuba scene without hidden surfaces that light passes, for rays in A."""
         return build_scene(scene, only_opaque=True) if scene.transparent else self.built(scene)
 
+    def _paint(self, view: View) -> dict[str, Any]:
+        """Return the colours that a moved camera sees of a moved wall, by names of the view's."""
+        built, motions = self.built(self.scene), view.scene.motions
+        camera, wall = (motions.get(name, np.eye(4)) for name in (view.camera, view.wall))
+        own = camera_of(built, view.camera), shape_of(built, view.wall)
+        what = f"scene '{self._path}': the wall ({self._materials[view.wall]})"
+        return trace_paint(built, *own, view.shape, what, np.linalg.inv(wall) @ camera)
+
     def _trace_view(self, shape: Size | None, across: int, name: str) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
         if name not in self._cameras:
@@ -305,7 +317,16 @@ class SceneLoader:
         wall = walls[middle]
         what = f"{where}: the wall ({self._materials[wall.name]})"
         body = shape_of(built, wall.name)
-        seen = trace_wall(built, camera, body, (rows, columns), across, where, what)
+        # Whatever the points in a pixel, a texture is averaged over its area.
+        known = next(
+            (
+                {"reflectance": view.reflectance, "channel_gain": view.channel_gain}
+                for (_, _, other), view in self._views.items()
+                if other == name and view.shape == (rows, columns) and view.has_texture
+            ),
+            None,
+        )
+        seen = trace_wall(built, camera, body, (rows, columns), across, where, what, known)
         # How far the wall's shape reaches ahead of the plane that is seen.
         points, normals = (seen[each].reshape(-1, 3) for each in ("points", "normals"))
         ends = self.scene.boxes[wall.name] if wall.vertices is None else wall.vertices

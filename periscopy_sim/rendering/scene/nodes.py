@@ -159,6 +159,15 @@ class SceneNodes:
             inner = self.children(inner[0][1], "BSDF")
         return plugin
 
+    def has_texture(self, name: str) -> bool:
+        """Return whether a shape's material holds a texture."""
+        nodes = [self._by_id(name)]
+        for props in nodes:
+            if self.children(props, "Texture"):
+                return True
+            nodes += (inner for _, inner in self.children(props, "BSDF"))
+        return False
+
     def show(self, textures: Mapping[str, NDArray[np.float32]] | None) -> None:
         """Make each hidden surface show a `texture_of` an image by its id; None for all white."""
         for name in self.hidden:

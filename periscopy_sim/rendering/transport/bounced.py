@@ -1,15 +1,15 @@
 """Light of the monitor that other surfaces send on to the wall: smooth over it, of low rank.
 
 Paths from a few pixels estimate it in independent replicas. Over the wall it is a polynomial of row
-and column, of the powers that err least; over the patches it is as estimated. So to the transport
-matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
+and column, of the powers that err least, times `View.paint`; over the patches it is as estimated.
+So to the transport matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 """
 
 import operator
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -184,7 +184,8 @@ def render_bounced_light(
             f"scene '{scenario.path}': hidden surface '{clear[0]}' is transparent (null), and "
             "bounced light is computed of opaque ones alone; ask for direct light"
         )
-    shape, patches = scenario.photograph_shape, scenario.hidden.patches
+    shape, patches, paint = scenario.photograph_shape, scenario.hidden.patches, scenario.view.paint
+    scenario = replace(scenario, view=scenario.view.even)  # light is smooth, a texture is not
     sites, everywhere = chosen_sites(shape), scenario.view.numbers
     trace = make_tracer(scenario, sites, bounces)
     rows = np.random.default_rng(seed).choice(len(everywhere), min(SITES, len(everywhere)), False)
@@ -214,7 +215,7 @@ def render_bounced_light(
     with threadpool_limits(1):
         light = total.mean(axis=0).reshape(len(sites), -1) / done
         X = np.linalg.lstsq(fit.functions(sites), light, rcond=None)[0].reshape(-1, patches, 3)
-        W = fit.functions(everywhere)
+        W = fit.functions(everywhere) * paint
     return BouncedLight(W.astype(np.float32), X.transpose(2, 0, 1).astype(np.float32), error)
 
 

@@ -3,6 +3,7 @@
     A[i, j] = ∫_patch j f(i; q → camera) E(q → i) V(i, q) cos θ_i cos θ_q / ‖q − i‖² dq
 
 with the wall's BSDF f, the monitor's angular profile E (1 along its normal) and the visibility V.
+Of a wall with a texture f is that of its mean albedo, `View.even`.
 """
 
 from collections.abc import Callable
@@ -40,6 +41,7 @@ class Kernel:
         self._profile = profile_of(self._shape.emitter(), scenario.scene.emission[name])
         self._samples, self._strata = samples, strata
         self._film, self._across = scenario.view.shape, scenario.view.across
+        self._albedo = None if view.reflectance is None else float(view.even.albedo[0, 0])
         # The centres of the pixels serve every patch: found once.
         self._centres = self._seen_at(dr.arange(mi.UInt32, int(np.prod(self._film))), 0.5, 0.5)
         dr.eval(self._centres)
@@ -68,10 +70,7 @@ class Kernel:
         direction = to_light * dr.rcp(dr.sqrt(squared_distance))
         cos_emission = -dr.dot(light.n, direction)
         area = dr.norm(dr.cross(light.dp_du, light.dp_dv))
-        # f cos θ_i of the wall's BSDF; not dr.mean, which writes the number of lanes into the
-        # kernel, and into the last bit.
-        reflected = self._wall.bsdf().eval(mi.BSDFContext(), si, si.to_local(direction))
-        value = dr.sum(reflected) / 3
+        value = self._reflected(si, si.to_local(direction))
         value *= self._profile(light, -direction) * cos_emission * area / squared_distance
         # The segment, shortened at both ends. Mitsuba's spawn_ray_to would lift its start off the
         # wall by some 0.2 mm, which shifts every shadow's edge.
@@ -81,6 +80,14 @@ class Kernel:
         visible = ~self._opaque.ray_test(segment)
         lit = visible & light.is_valid() & (cos_emission > 0) & (value > 0)
         return dr.select(lit, value, 0)
+
+    def _reflected(self, si: Any, direction: Any) -> Any:
+        """Return f cos θ_i of the wall for light from a direction in its frame."""
+        if self._albedo is not None:
+            cosine = dr.mulsign(direction.z, si.wi.z)
+            return dr.maximum(cosine, 0) * mi.Float(self._albedo / np.pi)
+        # Not dr.mean, which writes the number of lanes into the kernel, and into the last bit.
+        return dr.sum(self._wall.bsdf().eval(mi.BSDFContext(), si, direction)) / 3
 
     def _wall_point(self, pixel: Any, index: Any) -> Any:
         """Where the camera sees the wall, by the number of a point of the pixel."""

@@ -181,7 +181,7 @@ def _plan_areas(
     A = area_transport(Scenario(scenario.averaged(across).view, rough))
     light = A.sum(axis=1, dtype=np.float64)
     mean = float(light.mean()) or 1.0
-    bends = _bends(light, scenario.view)
+    bends = _bends(light / scenario.view.paint[:, 0], scenario.view)
     chances = (1 + bends / (bends.mean() or 1.0)) / 2 / len(light)
     chances /= chances.sum()
     drawn = np.random.default_rng(0).choice(len(light), 4 * PIXELS, p=chances)
