@@ -181,7 +181,7 @@ class Session(options.OptionGroup):
         images = {n: ps.read_hidden_image(ps.find_image(by_id[n]), hidden[n].shape) for n in hidden}
         return hidden.unwrapped(images)
 
-    def ambient_light(self, name: str, target: float = 3e-4) -> ps.Background:
+    def ambient_light(self, name: str, target: float = 3e-4) -> "ps.Background":
         """Return ambient light: a photograph's, of no known error, or path traced to a target."""
         if Path(name).is_file():
             return ps.Background(self.photograph(Path(name)).values, 0.0, 0.0)

@@ -188,11 +188,11 @@ def rendering_of(
     report(0.5)
     light, rest = np.zeros_like(direct), 0.0
     if bounces != DIRECT or other_lights:
-        parts = _other_light(scenario, shown(), other_lights, bounces)
+        parts = _other_light(scenario, shown(), other_lights=other_lights, bounces=bounces)
         within = math.sqrt(max(target**2 - error**2, (target / 3) ** 2))
         halfway = partial(_halfway, report)
         light, rest = _smoothed(parts, scenario, direct, within, seed, halfway)
-    picture = np.maximum(direct + light, 0) * scenario.channel_gain
+    picture = np.maximum(direct + scenario.view.paint * light, 0) * scenario.channel_gain
     report(1.0)
     return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest))
 
@@ -208,7 +208,8 @@ def bounced_light(
     scene = build_scene(scenario.scene, scenario.hidden, shown, only_hidden=True)
     (part,) = _other_light(scenario, scene, other_lights=False, bounces=None)
     part.add_round(_seed(seed, number) for number in itertools.count())
-    return np.asarray(part.fit.replicas.mean(axis=0) * scenario.channel_gain)
+    light = part.fit.replicas.mean(axis=0)
+    return np.asarray(light * scenario.view.paint * scenario.channel_gain)
 
 
 def _halfway(report: Callable[[float], None], done: float) -> None:
@@ -285,13 +286,14 @@ def _seed(seed: int, number: int) -> int:
 
 
 def _other_light(
-    scenario: Scenario, scene: Any, other_lights: bool, bounces: int | None
+    scenario: Scenario, scene: Any, *, other_lights: bool, bounces: int | None
 ) -> list[Part]:
-    """Return the parts of light that do not come straight from hidden surfaces."""
+    """Return the parts of light that do not come straight from hidden surfaces, on an even wall."""
+    scenario = replace(scenario, view=scenario.view.even)
     view, shape, parts = scenario.view, scenario.photograph_shape, list[Part]()
     everywhere, M = np.arange(len(view.points)), len(view.points)
     if other_lights:
-        albedo = float(np.mean(view.reflectance)) / np.pi
+        reflected = float(view.albedo.mean()) / np.pi
         lift = LIFT * float(np.linalg.norm(np.ptp(view.centers, axis=0)))
         height = np.maximum(lift, rises(view.centers, view.center_normals, shape))
         points = view.centers + height[:, None] * view.center_normals
@@ -300,7 +302,7 @@ def _other_light(
         for emitter in scene.emitters():
             if emitter not in own:
                 arriving = partial(direct_irradiance, scene, emitter, *surface)
-                estimate = partial(_scaled, albedo, arriving)
+                estimate = partial(_scaled, reflected, arriving)
                 parts.append(Part(estimate, everywhere, shape, M * DIRECT_SAMPLES))
     if bounces != DIRECT:
         sites = chosen_sites(shape)
@@ -321,13 +323,13 @@ def _smoothed(
     seed: int,
     progress: Callable[[float], None],
 ) -> tuple[Array, float]:
-    """Return the light of parts, (M, 3), added to direct light, and its relative error."""
-    gain = scenario.channel_gain
+    """Return the light of parts on an even wall, (M, 3), and its error relative to all light."""
+    gain, painted = scenario.channel_gain, scenario.channel_gain * scenario.view.paint
 
     def errors_of(replicas: Array, squared_bias: Array) -> tuple[float, ...]:
-        whole = (direct + replicas.mean(axis=0)) * gain
+        whole = direct * gain + replicas.mean(axis=0) * painted
         variance = replicas.var(axis=0, ddof=1) / len(replicas) + squared_bias
-        return (float(np.sqrt((variance * gain**2).mean() / (whole**2).mean())),)
+        return (float(np.sqrt((variance * painted**2).mean() / (whole**2).mean())),)
 
     seeds = (_seed(seed, number) for number in itertools.count())
     with threadpool_limits(1):  # the last bits follow the number of threads

@@ -105,12 +105,13 @@ def test_other_lights_add_up_unless_the_monitor_is_to_shine_alone(room):
 
 @pytest.mark.thorough
 def test_passes_of_bounded_memory_average_to_the_same_picture(room, same_mean, monkeypatch):
-    seen, image = room.load(), np.ones((2, 3, 3))
-    whole = [render_photograph(seen, image, samples=64, seed=seed) for seed in range(12)]
+    seen = room.load()
+    scene = build_scene(seen.scene, seen.hidden, {"monitor": np.ones((2, 3, 3))})
+    whole = [path_trace(scene, -1, samples=64, seed=seed) for seed in range(12)]
     monkeypatch.setattr(photograph, "WAVEFRONT", 30 * 20)
     fractions = []
     parts = [
-        render_photograph(seen, image, samples=64, seed=50 + seed, progress=fractions.append)
+        path_trace(scene, -1, samples=64, seed=50 + seed, progress=fractions.append)
         for seed in range(12)
     ]
     # At most 20 samples at once: 4 passes of 16.
@@ -118,16 +119,16 @@ def test_passes_of_bounded_memory_average_to_the_same_picture(room, same_mean, m
     same_mean(whole, parts)
     # Their samples are the strata of one rendering: independent passes would err more.
     assert 0.5 < np.var(parts, axis=0).mean() / np.var(whole, axis=0).mean() < 2
-    apart = [render_photograph(seen, image, samples=16, seed=100 + seed) for seed in range(48)]
+    apart = [path_trace(scene, -1, samples=16, seed=100 + seed) for seed in range(48)]
     apart = np.mean(np.reshape(apart, (12, 4, *apart[0].shape)), axis=1)
     assert np.var(apart, axis=0).mean() > 1.3 * np.var(parts, axis=0).mean()
 
 
 def test_a_wavefront_is_what_mitsuba_renders(room):
     seen, image = room.load(), np.random.default_rng(0).random((2, 3, 3))
-    ours = render_photograph(seen, image, samples=64, seed=3)
-    integrator = mi.load_dict({"type": "path", "max_depth": -1})
     scene = build_scene(seen.scene, seen.hidden, {"monitor": image})
+    ours = path_trace(scene, -1, samples=64, seed=3)
+    integrator = mi.load_dict({"type": "path", "max_depth": -1})
     theirs = np.array(mi.render(scene, integrator=integrator, spp=64, seed=3))
     np.testing.assert_allclose(ours, theirs, rtol=1e-5)
 
