@@ -23,7 +23,7 @@ PACKAGE = ROOT / "periscopy_sim"
 RENDERERS = {"mitsuba", "drjit"}
 HEAVY = {
     *("numpy", "scipy", "numba", "matplotlib", "typer", "PIL", "OpenEXR", "png", "tifffile"),
-    *("yaml", "zarr", "xarray", "distributed"),
+    *("ruamel", "zarr", "xarray", "distributed"),
 }
 STANDING_APART = "experiments.laboratories.making"
 """What renders stand-ins knows nothing of the package; the room around it chooses a libLLVM."""
