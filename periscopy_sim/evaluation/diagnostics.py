@@ -71,7 +71,7 @@ def diagnose(
     surfaces = Hidden.of(hidden)
     fit = Fit(A, B, hidden=surfaces, photograph_shape=photograph_shape, conditions=photograph)
     mask = None if photograph is None else photograph.mask
-    used, B = fit.used(A), fit.used(fit.whole_background)
+    used, B = fit.matrix, fit.used(fit.whole_background)
     P = form_preconditioner(used, B, rank_tolerance=rank_tolerance)
     alone = form_preconditioner(used)
     A, matrix = P.A, P.matrix()

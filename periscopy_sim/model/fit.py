@@ -36,7 +36,7 @@ from periscopy_sim.model.transport_operator import (
 )
 from periscopy_sim.numerics import Array, Image, Mask, precision_of
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
-from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
+from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, checked_matrix, plain_array
 from periscopy_sim.photograph import Photograph
 
 PRECISION = 3e-5
@@ -73,12 +73,13 @@ class FittedPhotograph:
 class Fit:
     """A scene, and the conditions of the photographs that it is fitted to.
 
-    The constructor checks sizes; everything else is computed when it is first used, and kept. No
-    vector has the pixels that the mask excludes, whatever they hold.
+    The constructor checks kinds and sizes; everything else is computed when it is first used, and
+    kept. No vector has the pixels that the mask excludes, whatever they hold.
 
-    It raises a ValueError if sizes do not fit, the mask leaves fewer pixels than patches, the wall
-    has no colour for each channel, or a photograph with the monitor off has no light; when used
-    first, if A or B is not finite in the pixels used, or B explains all of A.
+    It raises a ValueError if A or B is no dense matrix of real numbers, sizes do not fit, the mask
+    leaves fewer pixels than patches, the wall has no colour for each channel, or a photograph with
+    the monitor off has no light; when used first, if A or B is not finite in the pixels used, or B
+    explains all of A.
     """
 
     A: Matrix  # (M, N) light transport matrix
@@ -96,6 +97,10 @@ class Fit:
     unmixes: bool = False
 
     def __post_init__(self) -> None:
+        if not hasattr(self.A, "row_blocks"):
+            vars(self)["A"] = checked_matrix(self.A, "A")  # the fields are frozen
+        if self.B is not None:
+            vars(self)["B"] = checked_matrix(self.B, "B")
         (M, N), B, gain = self.A.shape, self.B, self.channel_gain
         if self.hidden.patches != N:
             raise InputError(
@@ -243,6 +248,12 @@ class Fit:
     def rows(self) -> Matrix:
         """(M', N) the rows of A used: a copy only where there is a mask."""
         return self.A if self.mask is None else used_rows(self.A, self.mask)
+
+    @property
+    def matrix(self) -> Image:
+        """(M', N) these rows as an array, also of an A that streams them."""
+        rows = self.rows
+        return rows if isinstance(rows, np.ndarray) else used_rows(rows, np.ones(self.pixels, bool))
 
     @cached_property
     def operator(self) -> TransportOperator:

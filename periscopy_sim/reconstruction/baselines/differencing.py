@@ -218,7 +218,10 @@ class Differencing(StillMethod[np.float64]):
     @cached_property
     def _inverse(self) -> Preconditioner:
         """The pseudoinverse of D A, photographs with the monitor off projected out."""
-        DA, patches = self._differenced(np.asarray(self.fit.rows, np.float64)), self.hidden.patches
+        DA, patches = (
+            self._differenced(np.asarray(self.fit.matrix, np.float64)),
+            self.hidden.patches,
+        )
         if self.fit.mask is not None and len(DA) < patches:
             raise InputError(
                 f"the mask leaves {len(DA)} differences of neighbouring pixels for {patches} "
@@ -282,7 +285,7 @@ class Differencing(StillMethod[np.float64]):
     ) -> tuple[Array, tuple[int, float]]:
         """Return a channel's image where the published code stops, and its iterations."""
         mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
-        mean_entry = float(np.mean(np.asarray(self.fit.rows), dtype=np.float64))
+        mean_entry = float(np.mean(self.fit.matrix, dtype=np.float64))
         unit, white = PUBLISHED_ENTRY / mean_entry, float(np.abs(mean).mean())
         first = start[:, channel].reshape(self.hidden_shape)
         image, iterations = descend_as_published(

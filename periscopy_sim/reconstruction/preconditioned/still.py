@@ -118,7 +118,7 @@ class Periscope(StillMethod[np.floating[Any]]):
     @cached_property
     def preconditioner(self) -> Preconditioner:
         """P in factored form."""
-        return form_preconditioner(np.asarray(self.fit.rows), self.fit.basis)
+        return form_preconditioner(self.fit.matrix, self.fit.basis)
 
     @cached_property
     def _matrix(self) -> Image:
