@@ -24,7 +24,7 @@ _IMAGE = "The hidden image: a file, or a shipped one."
 _OF_EACH = "Image of a hidden surface; repeatable."
 _SAMPLES, _SBR = "Camera samples a pixel.", "Signal-to-background ratio."
 _NAMES = "Scene files or shipped conditions."
-_AMBIENT = "Ambient light to add: a photograph or a shipped condition."
+_AMBIENT = "Ambient light to add: a photograph by the same camera, or a shipped condition."
 
 
 def photograph(
@@ -44,9 +44,12 @@ def photograph(
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
-    if ambient is not None and not Path(ambient).is_file():
+    if is_rendered := ambient is not None and not Path(ambient).is_file():
         ps.find_scene(f"ambient/{ambient}")
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
+    mixed = np.asarray if colours is None else colours.mix  # of light in the scene's channels
+    if colours is not None and len(colours.matrix) != 3:
+        raise ps.PeriscopyError(f"{colour_matrix}: give three rows: photographs as EXR have three")
     names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
     hidden = session.scenario.hidden
     settings: dict[str, Any] = {
@@ -64,9 +67,9 @@ def photograph(
             y = ps.render_photograph(
                 session.scenario, picture, samples=samples, seed=session.seed, progress=report
             )
+        y = mixed(y)
         if background is not None and sbr is not None:
-            y = ps.composite(y, background, sbr)
-        y = y if colours is None else colours.mix(y)
+            y = ps.composite(y, mixed(background) if is_rendered else background, sbr)
         y = y if snr is None else ps.add_noise(y, snr, session.seed)
         settings["image_sha256"] = image_sha256(picture)
         write_exr(file, y, as_text({**settings, **session.provenance}))

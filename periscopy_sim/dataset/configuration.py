@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource
-from periscopy_sim.dataset.reading import Count, Size
+from periscopy_sim.dataset.reading import CHANNELS, Count, Size
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.shipped import find_scene
@@ -176,7 +176,7 @@ class Configuration(Strict):
     sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
     snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
     exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]
-    colour_matrix: tuple[Triple, Triple, Triple] | None = None
+    colour_matrix: Annotated[tuple[Triple, ...], Field(min_length=3)] | None = None
     saturation: Annotated[Number, Field(gt=0)] | None = None
     photograph_type: Literal["float32", "float16"] = "float32"
     keep_background: bool = False
@@ -198,6 +198,11 @@ class Configuration(Strict):
     def colours(self) -> ColourMatrix | None:
         """From the monitor's primaries to the camera's channels; None for the identity."""
         return None if self.colour_matrix is None else ColourMatrix(np.array(self.colour_matrix))
+
+    @property
+    def channels(self) -> int:
+        """Return the number of the camera's channels."""
+        return len(self.colour_matrix or CHANNELS)
 
     @property
     def geometries(self) -> int:
