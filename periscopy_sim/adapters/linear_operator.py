@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from periscopy_sim.hidden import Hidden, Size
-from periscopy_sim.model.transport_operator import Matrix, row_blocks
-from periscopy_sim.numerics.validation import checked_matrix
+from periscopy_sim.model.transport_operator import Matrix, checked_transport, row_blocks
 from periscopy_sim.scenario import Scenario
 
 
@@ -97,7 +96,7 @@ def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
         from periscopy_sim.rendering.transport.plan import transport as transport_of
 
         scene, transport = transport, transport_of(transport)
-    A = transport if hasattr(transport, "row_blocks") else checked_matrix(transport, "A")
+    A = checked_transport(transport)
     if scene is None:
         return ImageOperator(A, Hidden.of((1, A.shape[1])), (1, A.shape[0]), np.ones(3))
     hidden, shape = Hidden.of(scene.hidden), scene.photograph_shape

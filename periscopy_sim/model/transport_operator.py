@@ -10,7 +10,7 @@ blocks of rows that are made anew in every pass. The number of threads does not 
 from collections.abc import Iterator
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -55,6 +55,17 @@ class RowBlocks(Protocol):
 Matrix: TypeAlias = Image | RowBlocks
 
 
+def checked_transport(A: Any) -> Matrix:
+    """Return what streams its rows as it is, anything else by `checked_matrix`."""
+    streams: bool = hasattr(A, "row_blocks")
+    return A if streams else checked_matrix(A, "A")
+
+
+def as_array(A: Matrix) -> Image:
+    """Return the rows of A, (M, N), as an array."""
+    return A if isinstance(A, np.ndarray) else used_rows(A, np.ones(A.shape[0], bool))
+
+
 def row_blocks(A: Matrix) -> Iterator[tuple[slice, Image]]:
     """Yield the rows of an array at once, or those of `RowBlocks`."""
     if isinstance(A, np.ndarray):
@@ -78,8 +89,7 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
     """
 
     def __init__(self, A: Matrix, Q: Array | None = None) -> None:
-        if not hasattr(A, "row_blocks"):
-            A = checked_matrix(A, "A")
+        A = checked_transport(A)
         super().__init__(np.dtype(np.float64), A.shape)
         self.A = A
         self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)
