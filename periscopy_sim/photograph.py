@@ -96,6 +96,19 @@ class Photograph:
     colour_matrix: ColourMatrix | None = None
     warnings: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        for name, light in self.monitor_off.items():
+            if light.shape != self.values.shape:
+                raise PhotographError(
+                    f"{name}: has shape {light.shape}, the photograph {self.values.shape}; take "
+                    "both by one camera"
+                )
+        if self.colour_matrix is not None and len(self.colour_matrix.matrix) != self.channels:
+            raise PhotographError(
+                f"the photograph has {self.channels} channels, the colour matrix "
+                f"{len(self.colour_matrix.matrix)} rows; give the camera's own matrix"
+            )
+
     @classmethod
     def of(
         cls,
@@ -123,7 +136,8 @@ class Photograph:
         mask, colour_matrix
             As the attributes.
         monitor_off
-            Photographs with the monitor off, of the same shape, by name or in a sequence.
+            Photographs with the monitor off, of the same size and channels, by name or in a
+            sequence.
         warnings
             Lines of the reader. One is added if most values are negative.
 
@@ -139,19 +153,8 @@ class Photograph:
         off = {} if monitor_off is None else monitor_off
         if not isinstance(off, Mapping):
             off = {f"monitor-off photograph {k}": each for k, each in enumerate(off, 1)}
-        size, channels = (light.shape[0], light.shape[1]), light.shape[2]
+        size = light.shape[0], light.shape[1]
         dark = {each: _checked(values, size, each, mask) for each, values in off.items()}
-        for other, values in dark.items():
-            if values.shape[2] != channels:
-                raise PhotographError(
-                    f"{other}: has {values.shape[2]} channels, {name} has {channels}; take both by "
-                    "one camera"
-                )
-        if colour_matrix is not None and len(colour_matrix.matrix) != channels:
-            raise PhotographError(
-                f"{name}: has {channels} channels, the colour matrix {len(colour_matrix.matrix)} "
-                "rows; give the camera's own matrix"
-            )
         return cls(light, mask, dark, colour_matrix, warnings)
 
     @property
@@ -326,8 +329,8 @@ def check_size(size: tuple[int, ...], shape: tuple[int, int], name: str) -> None
     if tuple(size) != tuple(shape):
         raise PhotographError(
             f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the scene's camera has "
-            f"{shape[0]} x {shape[1]}; bring it to that size by `periscopy prepare`, or change the "
-            "film size in the scene (of shipped ones by -D resolution=N or -D film=N)"
+            f"{shape[0]} x {shape[1]}; `prepare` brings it to that size; or change the film's size "
+            "in the scene (of shipped ones by the parameter resolution or film)"
         )
 
 

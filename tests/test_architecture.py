@@ -23,7 +23,7 @@ PACKAGE = ROOT / "periscopy_sim"
 RENDERERS = {"mitsuba", "drjit"}
 HEAVY = {
     *("numpy", "scipy", "numba", "matplotlib", "typer", "PIL", "OpenEXR", "png", "tifffile"),
-    *("yaml", "zarr", "xarray", "distributed"),
+    *("ruamel", "zarr", "xarray", "distributed"),
 }
 STANDING_APART = "experiments.laboratories.making"
 """What renders stand-ins knows nothing of the package; the room around it chooses a libLLVM."""
@@ -186,19 +186,26 @@ def test_mitsuba_and_matplotlib_have_one_door_each():
     assert importers_of({"matplotlib"}) == {"periscopy_sim.figures.style"}
 
 
-def test_only_the_command_line_writes_of_its_options():
-    """Other rooms state facts; `cli.messages` gives advice about options."""
+def test_only_the_command_line_writes_of_its_commands_and_options():
+    """Other rooms state facts and name parameters; `cli.messages` gives advice about options."""
     parser = typer.main.get_command(app)
     commands = [parser.get_command(None, name) for name in MODULES]
     names = {name for each in commands for option in each.params for name in option.opts}
-    flags = re.compile(rf"(^|[\s('])({'|'.join(n for n in names if n.startswith('--'))})\b")
+    options = "|".join(n for n in names if n.startswith("--") or n == "-D")
+    flags = re.compile(rf"(^|[\s('])({options})\b|['`]periscopy ({'|'.join(MODULES)})\b")
+    described = {
+        id(node.value)
+        for module in SOURCES
+        for node in ast.walk(tree_of(module))
+        if isinstance(node, ast.Expr)
+    }
     mentions = [
         f"{module}: {node.value}"
         for module in SOURCES
         if module.startswith("periscopy_sim.") and part(module) != "cli"
         for node in ast.walk(tree_of(module))
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        if " " in node.value and "\n" not in node.value and flags.search(node.value)
+        if " " in node.value and id(node) not in described and flags.search(node.value)
     ]
     assert not mentions, "\n".join(mentions)
 

@@ -46,7 +46,7 @@ def test_pixels_outside_the_mask_are_neither_checked_nor_used():
         ({"values": np.ma.masked_less(LIGHT, 1.1), "name": "y"}, "^y: .*masked"),
         ({"values": xr.DataArray(LIGHT, dims=("y", "x", "channel"))}, r"\('y', 'x', 'channel'\)"),
         ({"values": LIGHT, "monitor_off": {"off.npy": LIGHT[:3]}}, r"off\.npy"),
-        ({"values": LIGHT, "monitor_off": {"off.npy": LIGHT[..., 0]}}, "1 channels"),
+        ({"values": LIGHT, "monitor_off": {"off.npy": LIGHT[..., 0]}}, r"off\.npy: .* one camera"),
         ({"values": LIGHT, "colour_matrix": ColourMatrix(np.eye(2))}, "2 rows"),
         ({"values": LIGHT, "monitor_off": {"off.npy": np.nan * LIGHT}}, r"off\.npy"),
     ],
@@ -54,6 +54,14 @@ def test_pixels_outside_the_mask_are_neither_checked_nor_used():
 def test_the_array_that_is_no_photograph_is_named(given, offender):
     with pytest.raises(PhotographError, match=offender):
         Photograph.of(**given)
+
+
+@pytest.mark.parametrize(
+    "given", [{"monitor_off": {"o": LIGHT[..., :1]}}, {"colour_matrix": ColourMatrix(np.eye(2))}]
+)
+def test_what_joins_a_photograph_later_is_checked_too(given):
+    with pytest.raises(PhotographError, match="camera"):
+        replace(Photograph.of(LIGHT), **given)
 
 
 def test_photographs_of_one_wall_share_masks_and_backgrounds():

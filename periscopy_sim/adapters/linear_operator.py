@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from periscopy_sim.hidden import Hidden, Size
-from periscopy_sim.model.transport_operator import Matrix, row_blocks
+from periscopy_sim.model.transport_operator import Matrix, checked_transport, row_blocks
 from periscopy_sim.scenario import Scenario
 
 
@@ -76,7 +76,7 @@ def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
     Parameters
     ----------
     transport
-        A scene, whose A is rendered; or A, (M, N) of float32 or float64, or what makes its rows
+        A scene, whose A is rendered; or A, (M, N) of real numbers, or what makes its rows
         anew in every pass (``row_blocks``, such as `RenderedTransport`).
     scene
         The scene of A, or anything with its ``photograph_shape``, its ``hidden`` surfaces, or their
@@ -90,15 +90,13 @@ def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
     Raises
     ------
     ValueError
-        If the scene's sizes do not fit A.
+        If A is no dense matrix of real numbers, or the scene's sizes do not fit it.
     """
     if isinstance(transport, Scenario):
         from periscopy_sim.rendering.transport.plan import transport as transport_of
 
         scene, transport = transport, transport_of(transport)
-    A = transport if hasattr(transport, "row_blocks") else np.asarray(transport)
-    if isinstance(A, np.ndarray) and (A.ndim != 2 or A.dtype not in (np.float32, np.float64)):
-        raise ValueError(f"A is {A.shape} of {A.dtype}: give (M, N) of float32 or float64")
+    A = checked_transport(transport)
     if scene is None:
         return ImageOperator(A, Hidden.of((1, A.shape[1])), (1, A.shape[0]), np.ones(3))
     hidden, shape = Hidden.of(scene.hidden), scene.photograph_shape

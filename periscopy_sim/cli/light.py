@@ -90,7 +90,8 @@ class MonitorLight(options.OptionGroup):
         ways: dict[Model | None, By] = {Model.analytic: "areas", Model.rendered: "rays"}
         wants_rays = method in METHODS and METHODS[method].rays and self.model is None
         by, samples = ways.get(self.model), self.samples or (SAMPLES if wants_rays else None)
-        return plan_transport(scenario, noise or NOISE, by=by, samples=samples, seed=seed)
+        noise = NOISE if noise is None else noise
+        return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
 
     def transport(
         self, scenario: ps.Scenario, plan: "TransportPlan", seed: int, strata: Strata = "jittered"

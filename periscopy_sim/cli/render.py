@@ -26,7 +26,7 @@ _OF_EACH = "Image of a hidden surface; repeatable."
 _SAMPLES = "Camera samples a pixel of the path tracer. [default: as the SNR needs, without it]"
 _SBR = "Signal-to-background ratio."
 _NAMES = "Scene files or shipped conditions."
-_AMBIENT = "Ambient light to add: a photograph or a shipped condition."
+_AMBIENT = "Ambient light to add: a photograph by the same camera, or a shipped condition."
 
 
 def photograph(
@@ -54,10 +54,13 @@ def photograph(
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
-    if ambient is not None and not Path(ambient).is_file():
+    if is_rendered := ambient is not None and not Path(ambient).is_file():
         ps.find_scene(f"ambient/{ambient}")
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     most, purpose = most_bounces(bounces), SNR if snr is None else snr
+    mixed = np.asarray if colours is None else colours.mix  # of light in the scene's channels
+    if colours is not None and len(colours.matrix) != 3:
+        raise ps.PeriscopyError(f"{colour_matrix}: give three rows: photographs as EXR have three")
     names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
     hidden = session.scenario.hidden
     settings: dict[str, Any] = {
@@ -80,15 +83,14 @@ def photograph(
                 session.scenario, picture, snr=-20 * np.log10(noise), samples=samples,
                 bounces=most, seed=session.seed, progress=report,
             )  # fmt: skip
-        y, error = rendered.photograph, rendered.relative_error
+        y, error = mixed(rendered.photograph), rendered.relative_error
         if background is not None and sbr is not None:
-            ambient_light = background.photograph
-            error = composite_error(y, ambient_light, sbr, error, background.relative_error)
-            y = ps.composite(y, ambient_light, sbr)
+            light = mixed(background.photograph) if is_rendered else background.photograph
+            error = composite_error(y, light, sbr, error, background.relative_error)
+            y = ps.composite(y, light, sbr)
         settings["relative_error"] = float(f"{error:.3g}")
         if snr is not None or samples is None:
             session.check_photograph(error, purpose)
-        y = y if colours is None else colours.mix(y)
         y = y if snr is None else ps.add_noise(y, snr, session.seed)
         settings["image_sha256"] = image_sha256(picture)
         write_exr(file, y, as_text({**settings, **session.provenance}))

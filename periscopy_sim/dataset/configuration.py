@@ -4,23 +4,23 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
+from pydantic import Field, model_validator
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource
-from periscopy_sim.dataset.reading import Count, Size
+from periscopy_sim.dataset.reading import CHANNELS, Count, Size
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import find_condition
-from periscopy_sim.storage.formats.yaml_document import Sizes, Strict, read_yaml
+from periscopy_sim.storage.formats.yaml_document import Number, Sizes, Strict, read_yaml
 from periscopy_sim.storage.outputs.provenance import scene_sha256, sha256_of
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
 SPLITS = ("train", "validation", "test")
 
-Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Triple = tuple[Number, Number, Number]
 
 Files = Annotated[tuple[str, ...], Field(min_length=1)]
 """Paths, relative to the configuration's folder."""
@@ -79,7 +79,7 @@ class Conditions(Mixture):
 
     kind: Literal["conditions"]
     names: Files  # or shipped conditions
-    target: Annotated[float, Field(gt=1e-6, lt=1)] = 3e-4  # relative error when rendered
+    target: Annotated[Number, Field(gt=1e-6, lt=1)] = 3e-4  # relative error when rendered
 
     def located(self, folder: Path) -> Self:
         """Return the source with absolute paths of the conditions that are not shipped."""
@@ -119,12 +119,15 @@ class Darkness(Source):
 AmbientSource = Annotated[Lamps | Conditions | Pictures | Darkness, Field(discriminator="kind")]
 
 
+Share = Annotated[Number, Field(ge=0, le=1)]
+
+
 class Splits(Strict):
     """Shares of the geometries, of sum 1."""
 
-    train: NonNegativeFloat = 0.8
-    validation: NonNegativeFloat = 0.1
-    test: NonNegativeFloat = 0.1
+    train: Share = 0.8
+    validation: Share = 0.1
+    test: Share = 0.1
 
     @model_validator(mode="after")
     def _sum_to_one(self) -> Self:
@@ -133,7 +136,7 @@ class Splits(Strict):
         return self
 
 
-Rays = Annotated[int, Field(ge=1, le=4096)]
+Rays = Annotated[int, Field(strict=True, ge=1, le=4096)]
 
 
 class Direct(Strict):
@@ -150,7 +153,7 @@ class Bounced(Strict):
 
     kind: Literal["bounced"]
     samples: Rays | None = None
-    bounces: Annotated[int, Field(ge=2, le=10**6)] | None = None  # reflections at most
+    bounces: Annotated[int, Field(strict=True, ge=2, le=10**6)] | None = None  # reflections at most
 
 
 class Configuration(Strict):
@@ -173,8 +176,8 @@ class Configuration(Strict):
     sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
     snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
     exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]
-    colour_matrix: tuple[Triple, Triple, Triple] | None = None
-    saturation: Annotated[FiniteFloat, Field(gt=0)] | None = None
+    colour_matrix: Annotated[tuple[Triple, ...], Field(min_length=3)] | None = None
+    saturation: Annotated[Number, Field(gt=0)] | None = None
     photograph_type: Literal["float32", "float16"] = "float32"
     keep_background: bool = False
     folder: Path = Path()
@@ -195,6 +198,11 @@ class Configuration(Strict):
     def colours(self) -> ColourMatrix | None:
         """From the monitor's primaries to the camera's channels; None for the identity."""
         return None if self.colour_matrix is None else ColourMatrix(np.array(self.colour_matrix))
+
+    @property
+    def channels(self) -> int:
+        """Return the number of the camera's channels."""
+        return len(self.colour_matrix or CHANNELS)
 
     @property
     def geometries(self) -> int:

@@ -5,21 +5,21 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from periscopy_sim.storage.formats.yaml_document import Strict
+from periscopy_sim.storage.formats.yaml_document import Number, Strict
 
-Pair = tuple[FiniteFloat, FiniteFloat]
+Pair = tuple[Number, Number]
 
 
 class Distribution(Strict):
     """A number, or how to draw one: exactly one of these is given."""
 
-    value: FiniteFloat | None = None  # in the file the bare number
+    value: Number | None = None  # in the file the bare number
     uniform: Pair | None = None  # [low, high]
     log_uniform: Pair | None = None  # [low, high]: draws all orders of magnitude alike
     normal: Pair | None = None  # [mean, standard deviation]
-    choice: Annotated[tuple[FiniteFloat, ...], Field(min_length=1)] | None = None  # all alike
+    choice: Annotated[tuple[Number, ...], Field(min_length=1)] | None = None  # all alike
 
     @model_validator(mode="before")
     @classmethod
@@ -72,7 +72,7 @@ class Distribution(Strict):
 class Source(Strict):
     """An entry of a list that is drawn from by weight, relative to the others."""
 
-    weight: Annotated[float, Field(gt=0, le=1e6)] = 1.0
+    weight: Annotated[Number, Field(gt=0, le=1e6)] = 1.0
 
     def located(self, folder: Path) -> Self:  # noqa: ARG002
         """Return the source with absolute paths, from a configuration's folder; they must exist."""

@@ -17,6 +17,7 @@ from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.numerics import Array
 from periscopy_sim.storage.formats.table import suffixes
+from periscopy_sim.storage.formats.yaml_document import Number
 from periscopy_sim.storage.outputs.provenance import sha256_of
 from periscopy_sim.storage.pictures import read_hidden_image
 
@@ -90,7 +91,7 @@ class Gratings(Source):
 
     kind: Literal["gratings"]
     periods: within(0.01, 1000) = Distribution(log_uniform=(0.5, 8.0))  # type: ignore[valid-type]
-    square: Annotated[float, Field(ge=0, le=1)] = 0.5  # share of stripes
+    square: Annotated[Number, Field(ge=0, le=1)] = 0.5  # share of stripes
 
     def draw(self, rng: Rng, shape: tuple[int, int], frames: int) -> Array:  # noqa: ARG002
         """Draw an image."""

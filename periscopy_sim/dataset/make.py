@@ -109,7 +109,7 @@ def make_dataset(
     layout = Layout(
         settings.count, settings.samples_per_shard, first.photograph_shape, settings.hidden,
         settings.photograph_type, settings.keep_background,
-        isinstance(settings.light, Bounced),
+        isinstance(settings.light, Bounced), settings.channels,
     )  # fmt: skip
     made_by = provenance(None, settings.seed)
     attributes = {

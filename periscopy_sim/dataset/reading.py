@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 KIND = "periscopy data set"
 
 CHANNELS = ("red", "green", "blue")
-PIXELS = ("row", "column", "channel")
+"""Channels of hidden images, and of a camera without a colour matrix."""
 
 _EXPOSED = "mean of a photograph of exposure 1"
 PICTURES = {  # long name and units
@@ -76,6 +76,7 @@ class Layout:
     photograph_type: str
     keep_background: bool
     bounced_error: bool = False  # whether there is that label
+    channels: Size = len(CHANNELS)  # of photographs
 
     @property
     def hidden(self) -> dict[str, tuple[int, int]]:
@@ -85,15 +86,20 @@ class Layout:
     @property
     def attributes(self) -> dict[str, Any]:
         """The sizes without the count, of JSON's types, as `read_head` reads them."""
-        left_out = {"count"} if self.bounced_error else {"count", BOUNCED_ERROR}
-        sizes = {name: size for name, size in asdict(self).items() if name not in left_out}
+        sizes = {name: size for name, size in asdict(self).items() if name != "count"}
+        for name, default in ((BOUNCED_ERROR, False), ("channels", len(CHANNELS))):
+            if sizes[name] == default:
+                del sizes[name]  # older data sets have none
         return dict(json.loads(json.dumps(sizes)))
 
     def of_store(self) -> StoreLayout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
-        pixels = ((*self.photograph_shape, len(CHANNELS)), PIXELS, self.photograph_type)
+        # Labelled as the hidden images' channels where they are as many.
+        channel = "channel" if self.channels == len(CHANNELS) else "camera_channel"
+        shape, axes = (*self.photograph_shape, self.channels), ("row", "column", channel)
+        pixels = (shape, axes, self.photograph_type)
         stacks = {"photograph": pixels}
         for name, patches in self.hidden.items():
             of = name.removeprefix("hidden")
@@ -132,7 +138,7 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
     """
     attributes = attributes_of(path)
     if attributes.get("kind") != KIND:
-        raise DatasetError(f"{path}: is no data set; name one that 'periscopy dataset' wrote")
+        raise DatasetError(f"{path}: is no data set; name the folder of one")
     try:
         layout = Layout(attributes["count"], **attributes["layout"])
         records = Records(path, layout.of_store(), attributes)
@@ -143,8 +149,8 @@ def read_head(path: Path) -> tuple[dict[str, Any], Layout, Records]:
         raise
     except (KeyError, TypeError, ValueError):
         raise DatasetError(
-            f"{path}: its attributes or marks are not those that 'periscopy dataset' wrote; open "
-            "what another program saved, such as xarray, with that program, or make it again"
+            f"{path}: its attributes or marks are not those of a data set; open what another "
+            "program saved, such as xarray, with that program, or make the data set again"
         ) from None
     return attributes, layout, records
 
@@ -202,7 +208,7 @@ def open_dataset(path: str | Path, *, incomplete: bool = False) -> "xr.Dataset":
     if ready < layout.count and not incomplete:
         raise DatasetError(
             f"{path}: is not finished, {ready} of {layout.count} samples stand from the start on; "
-            "run 'periscopy dataset' again, or give incomplete=True"
+            "make the rest, by the same configuration, or give incomplete=True"
         )
     of_one_value = (("sample",), ("geometries",))
     labels = [name for name, values in data.data_vars.items() if values.dims in of_one_value]
@@ -266,7 +272,8 @@ def export_samples(
 
     The folder receives ``NNNNNNNN_photograph.exr`` and ``NNNNNNNN_hidden.exr`` for each sample, of
     several surfaces ``NNNNNNNN_hidden_ID.exr``, and ``sheet.png``, where a photograph is scaled to
-    its brightest value. `progress` is called with the samples written and their number.
+    its brightest value. Photographs of more channels than three are NPY files; the sheet shows
+    three. `progress` is called with the samples written and their number.
     """
     path = place(path)
     _, layout, _ = read_head(path)
@@ -283,10 +290,14 @@ def export_samples(
         notes = {str(name): str(sample[name].item()) for name in labels}
         for name, pictures in sheet.items():
             image = sample[name].values.astype(np.float32)
-            written.append(f"{index:08d}_{name}.exr")
-            write_exr(folder / written[-1], image, notes)
+            is_colour = image.shape[2] == len(CHANNELS)
+            written.append(f"{index:08d}_{name}.{'exr' if is_colour else 'npy'}")
+            if is_colour:
+                write_exr(folder / written[-1], image, notes)
+            else:
+                np.save(folder / written[-1], image)
             white = 1.0 if name in layout.hidden else max(image.max(), 1e-12)
-            pictures.append(np.clip(image / white, 0, 1).astype(np.float64))
+            pictures.append(np.clip(image[..., :3] / white, 0, 1).astype(np.float64))
         light, sbr = notes["ambient"][:30], float(notes["sbr"])
         kind, split = notes["hidden_kind"], notes["split"]
         titles.append(f"{index}: {kind}\n{light}\nSBR {sbr:.2g}, {split}")

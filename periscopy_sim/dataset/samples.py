@@ -170,29 +170,33 @@ def make_samples(
     Return the variables of `Layout.variables`, by name.
     """
     scenario, length = geometry.scenario, configuration.clip_length
+    sources = configuration.ambient
     clips = [draw_clip(configuration, number) for number in range(start // length, stop // length)]
     of_surfaces = named("hidden", scenario.hidden)
     hidden = {name: np.concatenate([clip.hidden[name] for clip in clips]) for name in of_surfaces}
-    signals = _signals(geometry, [*hidden.values()])
+    colours = configuration.colours
+    mixed = np.asarray if colours is None else colours.mix
+    signals = mixed(_signals(geometry, [*hidden.values()]))
     photographs = np.empty(signals.shape, np.float32)
     ambient = np.zeros_like(photographs if configuration.keep_background else photographs[:0])
-    scales, colours = np.empty(len(signals)), configuration.colours
-    mixed = np.asarray if colours is None else colours.mix
+    scales = np.empty(len(signals))
 
     def expose(number: int) -> None:
         """Take the photographs of a clip: monitor, lamps and exposure stay as they are."""
         clip, frames = clips[number], slice(number * length, (number + 1) * length)
         light = _background(clip.ambient, scenario, backgrounds)
+        if light is not None and not isinstance(sources[clip.ambient.source], Pictures):
+            light = mixed(light)  # pictures are in the camera's channels
         mean = signals[frames].mean(dtype=np.float64)  # of the clip: frames may differ
         if not mean > 0:
             raise ConfigurationError(
                 f"sample {start + frames.start}: no light of the monitor reaches the wall; move "
                 "what stands between them, or raise the samples of light"
             )
-        # y = t (s A f / mean A f + (1 - s) b / mean b): exposure t, the monitor's share s of a
+        # y = t (s M A f / mean M A f + (1 - s) b / mean b): exposure t, the monitor's share s of a
         # light of unit mean, so that exposure and SBR vary independently.
         share = 1.0 if light is None else clip.sbr / (1 + clip.sbr)
-        scales[frames] = clip.exposure * share / mean  # y = scale A f + background + noise
+        scales[frames] = clip.exposure * share / mean  # y = scale M A f + background + noise
         exposed = signals[frames] * scales[frames, None, None, None]
         if light is not None:
             if not (level := light.mean()) > 0:
@@ -201,8 +205,8 @@ def make_samples(
             light *= clip.exposure * (1 - share) / level
             exposed += light
             if configuration.keep_background:
-                ambient[frames] = mixed(light)
-        for k, picture in enumerate(mixed(exposed), frames.start):
+                ambient[frames] = light
+        for k, picture in enumerate(exposed, frames.start):
             # A stream for each sample: the same noise in whichever block it is made.
             noise = int(generator(configuration, NOISE, start + k).integers(2**31))
             photographs[k] = add_noise(picture, clip.snr, noise)
@@ -245,7 +249,10 @@ def _signals(geometry: "Geometry", hidden: Sequence[Array]) -> NDArray[np.floati
 def _background(
     ambient: AmbientDraw, scenario: Scenario, backgrounds: "Backgrounds"
 ) -> Array | None:
-    """Return ambient light on the wall, (rows, columns, 3), in any unit; None for darkness."""
+    """Return ambient light on the wall, (rows, columns, channels), in any unit; None for darkness.
+
+    Pictures have the camera's channels, other light has the scene's three.
+    """
     if ambient.lamps is not None:
         (places, powers), frame = ambient.lamps, scenario.view.frame
         lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
@@ -254,12 +261,18 @@ def _background(
         return light.reshape(*scenario.photograph_shape, -1)
     if not ambient.mixture:
         return None
-    total = 0.0
+    total = np.zeros(1)
     for which, weight, down, across in ambient.mixture:
         turned = slice(None, None, -1 if down else 1), slice(None, None, -1 if across else 1)
         picture = backgrounds[ambient.source][which][turned].astype(np.float64)
         total = total + weight / picture.mean() * picture  # weights are of light, in any unit
-    return total * scenario.channel_gain
+    return total * _gain(scenario, total.shape[-1])
+
+
+def _gain(scenario: Scenario, channels: int) -> Array:
+    """Return the wall's colour in so many channels; of other channels than its own it has none."""
+    gain = scenario.channel_gain
+    return gain if len(gain) == channels else np.ones(1)
 
 
 def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Array:
@@ -295,7 +308,7 @@ def _labels(geometry: "Geometry", clips: list[ClipDraw], length: int) -> Block:
 
 
 Backgrounds = Mapping[int, NDArray[np.float32]]
-"""By ambient source: (K, rows, columns, 3) light on a grey wall, in any unit."""
+"""By ambient source: (K, rows, columns, channels) light on a grey wall, in any unit."""
 
 _rendering = threading.Lock()
 """Held while Mitsuba is at work: Dr.Jit's arrays belong to one thread at a time."""
@@ -359,7 +372,15 @@ def backgrounds_of(
             )  # fmt: skip
         elif isinstance(source, Pictures):
             shape = scenario.photograph_shape
-            pictures = {file: read_photograph(file, shape).values / gain for file in source.files}
+            pictures = {}
+            for file in source.files:
+                values = read_photograph(file, shape).values
+                if values.shape[2] not in (1, settings.channels):
+                    raise ConfigurationError(
+                        f"{file}: has {values.shape[2]} channels, the camera {settings.channels}"
+                    )
+                values = np.broadcast_to(values, (*shape, settings.channels))
+                pictures[file] = values / _gain(scenario, settings.channels)
         else:
             continue
         for name, picture in pictures.items():

@@ -8,6 +8,7 @@ from scipy import linalg
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
+from periscopy_sim.model.transport_operator import as_array
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
@@ -71,7 +72,7 @@ def diagnose(
     surfaces = Hidden.of(hidden)
     fit = Fit(A, B, hidden=surfaces, photograph_shape=photograph_shape, conditions=photograph)
     mask = None if photograph is None else photograph.mask
-    used, B = fit.used(A), fit.used(fit.whole_background)
+    used, B = as_array(fit.rows), fit.used(fit.whole_background)
     P = form_preconditioner(used, B, rank_tolerance=rank_tolerance)
     alone = form_preconditioner(used)
     A, matrix = P.A, P.matrix()

@@ -94,7 +94,7 @@ def check_able(name: str, hidden: Hidden, *libraries: str) -> None:
         rows, columns = entry.hidden
         raise PeriscopyError(
             f"method '{name}' learned from one hidden surface of {rows}x{columns} patches alone: "
-            "take this size, or train networks of your own (make learned)"
+            "take this size, or train a network of your own"
         )
     require_all(*libraries_of(name), *libraries)
 

@@ -147,7 +147,7 @@ def compute(
             raise  # of the task; without a scheduler Dask raises anything
         raise PeriscopyError(
             "the Dask scheduler or its workers are gone; start them, the workers with more memory, "
-            "and run the same command again: it goes on"
+            "and begin again: the work goes on where it stopped"
         ) from error
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from periscopy_sim.laboratory.quantities import (
     ANGLES,
@@ -22,7 +22,7 @@ from periscopy_sim.laboratory.quantities import (
     reader,
 )
 from periscopy_sim.scene import HIDDEN, MONITOR, WALL
-from periscopy_sim.storage.formats.yaml_document import RowsAndColumns, Strict, read_yaml
+from periscopy_sim.storage.formats.yaml_document import Number, RowsAndColumns, Strict, read_yaml
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 
@@ -48,7 +48,7 @@ def _name(given: str) -> str:
     return given
 
 
-Share = Annotated[FiniteFloat, Field(gt=0, le=1)]
+Share = Annotated[Number, Field(gt=0, le=1)]
 Reflectance = Annotated[
     tuple[Share, Share, Share],
     BeforeValidator(lambda given: given if isinstance(given, list | tuple) else [given] * 3),

@@ -18,13 +18,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.model.ambient import (
-    RANK_TOLERANCE,
-    ROUNDING,
-    background_basis,
-    joined_basis,
-    wall_profiles,
-)
+from periscopy_sim.model import ambient
 from periscopy_sim.model.evidence import Evidence
 from periscopy_sim.model.noise import noise_beside, residual_noise
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
@@ -32,11 +26,12 @@ from periscopy_sim.model.transport_operator import (
     NOTHING_LEFT,
     Matrix,
     TransportOperator,
+    checked_transport,
     used_rows,
 )
 from periscopy_sim.numerics import Array, Image, Mask, precision_of
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
-from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
+from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, checked_matrix, plain_array
 from periscopy_sim.photograph import Photograph
 
 PRECISION = 3e-5
@@ -73,12 +68,12 @@ class FittedPhotograph:
 class Fit:
     """A scene, and the conditions of the photographs that it is fitted to.
 
-    The constructor checks sizes; everything else is computed when it is first used, and kept. No
-    vector has the pixels that the mask excludes, whatever they hold.
+    The constructor checks kinds and sizes; everything else is computed when it is first used, and
+    kept. No vector has the pixels that the mask excludes, whatever they hold.
 
-    It raises a ValueError if sizes do not fit, the mask leaves fewer pixels than patches, the wall
-    has no colour for each channel, or a photograph with the monitor off has no light; when used
-    first, if A or B is not finite in the pixels used, or B explains all of A.
+    It raises a ValueError if A or B is no matrix, sizes do not fit, the mask leaves fewer pixels
+    than patches, the wall has no colour for each channel, or a photograph with the monitor off has
+    no light; when used first, if A or B is not finite in the pixels used, or B explains all of A.
     """
 
     A: Matrix  # (M, N) light transport matrix
@@ -89,13 +84,16 @@ class Fit:
     channel_gain: Image | None = None  # positive colour of the wall by channel; None for grey
     # A photograph, whose mask, photographs with the monitor off and colour matrix count.
     conditions: Photograph | None = None
-    rank_tolerance: float = RANK_TOLERANCE  # of B's singular values, see `background_basis`
+    rank_tolerance: float = ambient.RANK_TOLERANCE  # of B's singular values, see `background_basis`
     # Whether `wall_profiles` join B, where the photograph's rows and columns are known.
     profiles: bool = False
     # Whether planes are in the monitor's primaries, their noise mixed, not in the camera's.
     unmixes: bool = False
 
     def __post_init__(self) -> None:
+        vars(self)["A"] = checked_transport(self.A)  # the fields are frozen
+        if self.B is not None:
+            vars(self)["B"] = checked_matrix(self.B, "B")
         (M, N), B, gain = self.A.shape, self.B, self.channel_gain
         if self.hidden.patches != N:
             raise InputError(
@@ -205,10 +203,10 @@ class Fit:
     @cached_property
     def _ambient(self) -> tuple[Array, int]:
         """An orthonormal basis of all ambient light, (M', r), and how many columns are smooth."""
-        Q = background_basis(self.used(self.B), self.rank_tolerance)
+        Q = ambient.background_basis(self.used(self.B), self.rank_tolerance)
         if self.profiles and Q.shape[1] and self.shape is not None:
-            Q = joined_basis(Q, self.used(wall_profiles(self.shape)))
-        return joined_basis(Q, self.monitor_off_columns), Q.shape[1]
+            Q = ambient.joined_basis(Q, self.used(ambient.wall_profiles(self.shape)))
+        return ambient.joined_basis(Q, self.monitor_off_columns), Q.shape[1]
 
     @property
     def monitor_off_columns(self) -> Image:
@@ -278,7 +276,7 @@ class Fit:
     @cached_property
     def least_curvature(self) -> float:
         """Fraction of the largest curvature up to which a curvature counts as rounding of A."""
-        return max(ROUNDING, precision_of(np.asarray(self.A)) ** 2)
+        return max(ambient.ROUNDING, precision_of(np.asarray(self.A)) ** 2)
 
     @cached_property
     def visible(self) -> slice:
@@ -331,8 +329,8 @@ class Fit:
         y = np.asarray(self.project_out(planes.reshape(-1, self.pixels)), np.float64)
         y = y.reshape(planes.shape)
         whole, levels = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (planes, y))
-        y[levels <= ROUNDING * whole] = 0  # ambient light alone explains all of it
-        levels[levels <= ROUNDING * whole] = 1
+        y[levels <= ambient.ROUNDING * whole] = 0  # ambient light alone explains all of it
+        levels[levels <= ambient.ROUNDING * whole] = 1
         return y / levels[:, None, None], levels  # single precision needs numbers near 1
 
     def _rests(self, y: Array, coefficients: Array) -> Sequence[Image | None]:

@@ -10,7 +10,7 @@ blocks of rows that are made anew in every pass. The number of threads does not 
 from collections.abc import Iterator
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -21,7 +21,7 @@ from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import combine_rows, times_rows
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_matrix
 
 PARTS = 16
 """Parts of a block of rows, each with a sum of its own: fixed, so that the order of sums is."""
@@ -55,12 +55,23 @@ class RowBlocks(Protocol):
 Matrix: TypeAlias = Image | RowBlocks
 
 
+def checked_transport(A: Any) -> Matrix:
+    """Return what streams its rows as it is, anything else by `checked_matrix`."""
+    streams: bool = hasattr(A, "row_blocks")
+    return A if streams else checked_matrix(A, "A")
+
+
+def as_array(A: Matrix) -> Image:
+    """Return the rows of A, (M, N), as an array."""
+    return A if isinstance(A, np.ndarray) else used_rows(A, np.ones(A.shape[0], bool))
+
+
 def row_blocks(A: Matrix) -> Iterator[tuple[slice, Image]]:
     """Yield the rows of an array at once, or those of `RowBlocks`."""
     if isinstance(A, np.ndarray):
         yield slice(0, len(A)), A
     else:
-        yield from A.row_blocks()
+        yield from ((rows, checked_matrix(block, "A")) for rows, block in A.row_blocks())
 
 
 def used_rows(A: Matrix, mask: Mask) -> Image:
@@ -71,18 +82,14 @@ def used_rows(A: Matrix, mask: Mask) -> Image:
 class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     """A⊥ = A − Q QᵀA as a SciPy linear operator, by passes over A's rows.
 
-    A is (M, N), an array or memory map of floats, or `RowBlocks`; Q is (M, r) orthonormal columns,
-    or None. `QtA` is QᵀA, (r, N); the squared norms are ‖A‖_F², of the whole, and ‖A⊥‖_F². It
-    raises a ValueError if the rows of Q do not match A's, A is not finite, or A⊥ is nothing.
+    A is (M, N), an array or memory map of real numbers, or `RowBlocks`; Q is (M, r) orthonormal
+    columns, or None. `QtA` is QᵀA, (r, N); the squared norms are ‖A‖_F², of the whole, and ‖A⊥‖_F².
+    It raises a ValueError if A is no such matrix or not finite, the rows of Q do not match A's, or
+    A⊥ is nothing.
     """
 
     def __init__(self, A: Matrix, Q: Array | None = None) -> None:
-        if not hasattr(A, "row_blocks"):
-            A = np.asanyarray(A)  # what other libraries keep in memory; a memory map stays one
-            if A.ndim != 2 or A.dtype not in (np.float32, np.float64):
-                raise InputError(
-                    f"A has shape {A.shape} and type {A.dtype}: give (M, N) of float32 or float64"
-                )
+        A = checked_transport(A)
         super().__init__(np.dtype(np.float64), A.shape)
         self.A = A
         self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)

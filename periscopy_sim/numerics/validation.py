@@ -35,6 +35,25 @@ def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
     return np.asarray(values)
 
 
+def checked_matrix(values: Any, name: str) -> NDArray[np.floating[Any]]:
+    """Return a dense matrix of real numbers as an array of the machine's floats.
+
+    float16, float32 and float64 stay as they are, without a copy; other real numbers become
+    float64. Anything else, such as what is sparse, complex or masked, is an `InputError`.
+    """
+    try:
+        array, reason = np.asarray(values), "give a dense (rows, columns) array of real numbers"
+    except (TypeError, ValueError, RuntimeError) as error:  # of another library
+        array, reason = np.asarray(None), str(error).partition("\n")[0]
+    if array.ndim != 2 or array.dtype.kind not in "iuf" or np.ma.is_masked(values):
+        shape, kind = (getattr(values, each, getattr(array, each)) for each in ("shape", "dtype"))
+        raise InputError(
+            f"{name} is of type {type(values).__name__} ({kind}), shape {tuple(shape)}: {reason}"
+        )
+    is_kept = array.dtype.kind == "f" and array.dtype.isnative and array.itemsize <= 8
+    return array if is_kept else array.astype(np.float64)
+
+
 def checked_image(image: ArrayLike, name: str = "image") -> NDArray[Any]:
     """Return a finite floating-point image, of any shape, as compiled loops take it.
 

@@ -128,7 +128,7 @@ class StillMethod(ABC, Generic[Precision]):
     Parameters
     ----------
     A
-        (M, N) light transport matrix.
+        (M, N) light transport matrix: an array, or what streams its rows by ``row_blocks``.
     B
         (M, L) prototype backgrounds; None for none. Methods that model no backgrounds ignore them.
     hidden
@@ -153,8 +153,9 @@ class StillMethod(ABC, Generic[Precision]):
     TypeError
         If a scene stands in the place of A: use `for_scene`.
     ValueError
-        If the sizes do not fit, the wall reflects nothing in a channel, or a number is out of
-        range. With the first photograph: if A or B is not finite where it is used.
+        If A or B is no dense matrix of real numbers, the sizes do not fit, the wall reflects
+        nothing in a channel, or a number is out of range. With the first photograph: if A or B is
+        not finite where it is used.
     """
 
     precision: type[np.floating[Any]] = np.float64
@@ -187,8 +188,7 @@ class StillMethod(ABC, Generic[Precision]):
         rank_tolerance: float = RANK_TOLERANCE,
     ) -> None:
         self.fit = Fit(
-            # Objects with `row_blocks` stream the rows of A; anything else becomes an array.
-            A if isinstance(A, np.ndarray) or hasattr(A, "row_blocks") else np.asarray(A),
+            A,
             B,
             hidden=Hidden.of(hidden),
             photograph_shape=photograph_shape,

@@ -12,6 +12,7 @@ from periscopy_sim.cli.options import Model
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics import machine
 from periscopy_sim.rendering.transport import bounced
+from periscopy_sim.rendering.transport import plan as planning
 from periscopy_sim.storage.transport_matrix import read_transport
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -35,6 +36,14 @@ def test_transport_has_its_closed_form_unless_rays_are_asked_for(
 ):
     plan = light.plan(scenario, 0.005, method=method)
     assert (plan.by, plan.samples) == (by, samples)
+
+
+def test_noise_of_exactly_none_is_not_unknown_noise(scenario, monkeypatch):
+    asked = []
+    monkeypatch.setattr(planning, "plan_transport", lambda _, noise, **__: asked.append(noise))
+    for noise in (0.0, None):
+        Light().plan(scenario, noise)
+    assert asked == [0.0, planning.NOISE]
 
 
 def test_what_the_matrix_lacks_is_named_once(succeeds, tmp_path):

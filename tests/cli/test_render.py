@@ -48,6 +48,18 @@ def test_ambient_light_is_added_at_the_ratio_asked_for(shoot):
     np.testing.assert_allclose(y, composite(signal, AMBIENT, 0.2), rtol=1e-5)
 
 
+def test_a_camera_mixes_the_scenes_light_not_its_own_photograph(shoot, refused, tmp_path):
+    M = np.array([[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]])
+    np.save(tmp_path / "m.npy", M)
+    plain, signal = shoot(), shoot("--colour-matrix", "m.npy")
+    np.testing.assert_allclose(signal, plain @ M.T, rtol=1e-5)
+    y = shoot("--colour-matrix", "m.npy", "--ambient", "ambient.npy", "--sbr", "0.2")
+    np.testing.assert_allclose(y, composite(signal, AMBIENT, 0.2), rtol=1e-5)
+    np.save(tmp_path / "m.npy", np.eye(4, 3))
+    options = "--colour-matrix", "m.npy", "--out", "four.exr"
+    assert "m.npy: give three rows" in refused("photograph", "chair", "bars", *PHOTO, *options)
+
+
 @pytest.mark.thorough
 def test_shipped_ambient_light_is_path_traced_by_its_name(shoot):
     signal, y = shoot(), shoot("--ambient", "overcast", "--sbr", "0.5", "--target", "0.2")

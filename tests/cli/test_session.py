@@ -85,6 +85,13 @@ def test_file_that_cannot_be_is_refused_by_name(session, saved, place):
         session.wall(wrong if place == "photograph" else right)
 
 
+def test_monitor_off_photograph_of_other_channels_is_refused_by_name(session, saved):
+    right, grey = saved(right=np.ones((24, 24, 3))), saved(grey=np.ones((24, 24)))
+    session.monitor_off = [grey]
+    with pytest.raises(PeriscopyError, match=r"grey\.npy: .* one camera"):
+        session.wall(right)
+
+
 def test_image_is_that_of_the_rows_used(
     reconstruct, saved, photographs, scenario, transport, tmp_path
 ):

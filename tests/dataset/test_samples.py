@@ -41,16 +41,32 @@ def test_photograph_is_scaled_transport_plus_background_plus_noise(block, geomet
         assert abs(noise.var() / σ**2 - 1) < INTERVAL * np.sqrt(2 / n)
 
 
-def test_a_cameras_colours_are_mixed_before_its_noise(configured, geometry, block):
-    M = ((0.7, 0.25, 0.05), (0.2, 1.0, 0.3), (0.0, 0.3, 1.2))
-    configuration = configured().model_copy(update={"colour_matrix": M})
-    mixed = make_samples(configuration, geometry, {}, 0, 20)
-    np.testing.assert_allclose(
-        mixed["background"], block["background"] @ np.transpose(M), rtol=1e-5
-    )
-    _, clean = noise_free(block, geometry)
-    for photograph, exact, snr in zip(mixed["photograph"], clean, block["snr"], strict=True):
-        light = exact @ np.transpose(M)
+M = ((0.7, 0.25, 0.05), (0.2, 1.0, 0.3), (0.0, 0.3, 1.2), (0.1, 0.2, 0.1))
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_a_cameras_colours_are_mixed_but_in_its_own_photographs(configured, geometry, channels):
+    shape = (*geometry.scenario.photograph_shape, channels)
+    taken = np.random.default_rng(1).random((1, *shape), np.float32) + 0.1
+    entries = [{"kind": "lamps"}, {"kind": "pictures", "files": ["y.npy"], "flip": False}]
+    configuration = configured(ambient=entries, colour_matrix=M[:channels])
+    block = make_samples(configuration, geometry, {1: taken}, 0, 20)
+    A, f = geometry.transport.astype(np.float64), block["hidden"].reshape(20, -1, 3)
+    signal = np.einsum("mn,knc->kmc", A, f) * geometry.scenario.channel_gain
+    signal = (signal @ np.transpose(M[:channels])).reshape(20, *shape)
+    signal *= block["signal_scale"][:, None, None, None]
+    ambient, clips = block["background"], (10, 2, -1)
+    exact = signal + ambient
+    means = [each.reshape(clips).mean(axis=(1, 2)) for each in (signal, ambient, exact)]
+    np.testing.assert_allclose(means[0] / means[1], block["sbr"][::2], rtol=1e-5)
+    np.testing.assert_allclose(means[2], block["exposure"][::2], rtol=1e-5)
+    by_camera = block["ambient"] == "y"
+    assert 0 < by_camera.sum() < 20
+    ratio = ambient[by_camera] / (taken * geometry.scenario.channel_gain.mean())
+    assert np.ptp(ratio / ratio.mean(axis=(1, 2, 3), keepdims=True)) < 1e-4
+    lamps = ambient[~by_camera].reshape(-1, channels)  # of the scene's three channels
+    assert np.linalg.matrix_rank(lamps, tol=1e-4 * np.abs(lamps).max()) <= 3
+    for photograph, light, snr in zip(block["photograph"], exact, block["snr"], strict=True):
         σ = 10 ** (-snr / 20) * np.sqrt(np.mean(light**2))
         assert abs((photograph - light).var() / σ**2 - 1) < INTERVAL * np.sqrt(2 / light.size)
 

@@ -3,7 +3,7 @@ import re
 import tomllib
 
 import pytest
-import yaml
+from ruamel.yaml import YAML
 
 import periscopy_sim as ps
 from periscopy_sim.cli import MODULES
@@ -27,7 +27,7 @@ def test_each_public_name_has_one_page():
 
 def test_citation_is_of_this_version():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    citation = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text("utf-8"))
     assert citation["version"] == project["version"]
     assert citation["license"] == project["license"]
     assert {"cff-version", "message", "title", "authors"} <= citation.keys()

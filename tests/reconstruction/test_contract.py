@@ -11,11 +11,14 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from scipy import sparse
+from scipy.sparse.linalg import aslinearoperator
 
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.method import StillMethod
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, MethodEntry, Option
 from periscopy_sim.reconstruction.video_method import FrameByFrame
+from tests.scenes.blocks import Blocks
 
 SHAPE, HIDDEN = (14, 15), (4, 5)
 M, N = 210, 20
@@ -374,6 +377,39 @@ def test_what_cannot_be_used_is_rejected(name):
         method.reconstruct(Photograph.of(Y, mask=few))
     with pytest.raises(TypeError, match=rf"to fit to a scene, {type(method).__name__}\.for_scene"):
         type(method)(Scene(), A, B)
+
+
+NO_MATRICES = (
+    sparse.csr_array, aslinearoperator, lambda X: X * (1 + 0j), lambda X: X.astype(object),
+    lambda X: X.astype(str), lambda X: X > 0, lambda X: np.ma.masked_less(X, np.median(X)),
+    lambda X: X[..., None], lambda X: X[:, 0], lambda X: [*X[:-1].tolist(), [1.0]], str,
+)  # fmt: skip
+
+
+@every_method
+@pytest.mark.parametrize("which", ["A", "B"])
+def test_what_is_no_matrix_is_refused_by_its_name(name, which):
+    given = {"A": A, "B": B}
+    for kind in NO_MATRICES if which == "A" or METHODS[name].backgrounds else ():
+        with pytest.raises(ValueError, match=f"^{which} is of type .* shape .*: "):
+            fitted(name, **given | {which: kind(given[which])})
+
+
+@every_method
+def test_matrices_of_other_libraries_are_taken(name):
+    def read_only(X):
+        X = X.astype(">f8")
+        X.flags.writeable = False
+        return X
+
+    fine = np.rint(1e6 * A), np.rint(1e6 * B)
+    expected = fitted(name, *fine).reconstruct(Y)
+    for kind in (read_only, np.ndarray.tolist, np.asfortranarray, lambda X: X.astype(np.int64)):
+        np.testing.assert_allclose(
+            fitted(name, *map(kind, fine)).reconstruct(Y), expected, rtol=1e-6
+        )
+    streamed = fitted(name, Blocks(fine[0]), fine[1]).reconstruct(Y)
+    np.testing.assert_allclose(streamed, expected, atol=1e-3 * np.abs(expected).max())
 
 
 @every_method

@@ -45,7 +45,8 @@ def analyze(
         mask, monitor_off = session.companions()
         A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
         white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)  # the photograph of a screen
-        wall = ps.Photograph(white, mask, monitor_off)
+        channels = next(iter(monitor_off.values()), white)
+        wall = ps.Photograph(np.broadcast_to(white, channels.shape), mask, monitor_off)
         with fixable(f"scene '{scenario.path}'"), progress("analyzing"):
             result = diagnostics.diagnose(
                 A, B, wall.shape, scenario.hidden, photograph=wall, rank_tolerance=rank_tolerance

@@ -18,8 +18,8 @@ EXAMPLE = Path(__file__).with_name("example.yaml")
 def _read(context: typer.Context, file: Path | None) -> Path | None:
     """Take a study file's entries for the defaults of a command's options.
 
-    Its entries are named as the options: a list has what stands between commas, a mapping what is
-    repeated as ``NAME=VALUE``.
+    Its entries are named as the options, and their texts are those of the command line: a list has
+    what stands between commas, a mapping what is repeated as ``NAME=VALUE``.
     """
     if file is None:
         return None
@@ -33,7 +33,7 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
         for each in options
     }
     model = create_model("Study", __base__=Strict, folder=(Path, ...), **fields)
-    study = read_yaml(file, model)
+    study = read_yaml(file, model, as_texts=True)
     given = study.model_dump(include=study.model_fields_set - {"folder"})
     context.default_map = {}
     for each in (each for each in options if each.name in given):
@@ -62,13 +62,11 @@ def _entries(value: Any) -> list[str]:
     """Return what an option that is repeated is given."""
     if isinstance(value, dict):
         return [f"{name}={_words(each)}" for name, each in value.items()]
-    return [str(_words(each)) for each in (value if isinstance(value, list) else [value])]
+    return [_words(each) for each in (value if isinstance(value, list) else [value])]
 
 
-def _words(value: Any) -> str | bool:
+def _words(value: Any) -> str:
     """Return what an option is given once."""
-    if isinstance(value, bool):
-        return value
     return ",".join(map(str, value if isinstance(value, list) else [value]))
 
 

@@ -33,7 +33,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     Parameters
     ----------
     B
-        Not used.
+        Checked as by `StillMethod`, not used.
     fraction
         Part of the N singular values kept, the largest; at least one is.
     tv_weight
@@ -54,14 +54,15 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
     def __init__(
         self,
         A: Image,
-        B: Image | None = None,  # noqa: ARG002  every method is given one
+        B: Image | None = None,
         *,
         fraction: float = 0.4,
         tv_weight: float = 1.0,
         repair_threshold: float = 0.1,
         **scene: Any,
     ) -> None:
-        super().__init__(A, **scene)
+        super().__init__(A, B, **scene)
+        self.fit = replace(self.fit, B=None)
         if not 0 < fraction <= 1:
             raise InputError(f"the fraction of singular values is in (0, 1], not {fraction}")
         check_settings(tv_weight, repair_threshold)

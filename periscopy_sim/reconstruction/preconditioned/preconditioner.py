@@ -19,7 +19,7 @@ from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
 from periscopy_sim.model.noise import residual_noise
 from periscopy_sim.numerics import Array, Image, precision_of
 from periscopy_sim.numerics.products import subtract_combinations, times_rows
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,15 +105,16 @@ def form_preconditioner(
     Raises
     ------
     ValueError
-        If the shapes do not fit, entries are not finite, or A with range(B) projected out has not
-        full column rank: some patch looks like the others or like background.
+        If A or B is no dense matrix of real numbers, the shapes do not fit, entries are not finite,
+        or A with range(B) projected out has not full column rank: some patch looks like the others
+        or like background.
     """
+    A = checked_matrix(A, "A")
+    B = np.zeros((len(A), 0)) if B is None else checked_matrix(B, "B")
     transport: Array = np.asarray(A, np.float64)
-    if A.ndim != 2 or A.shape[0] < A.shape[1]:
+    if A.shape[0] < A.shape[1]:
         raise InputError(f"A must have at least as many rows as columns, not shape {A.shape}")
-    if B is None:
-        B = np.zeros((A.shape[0], 0))
-    if B.ndim != 2 or B.shape[0] != A.shape[0]:
+    if B.shape[0] != A.shape[0]:
         raise InputError(f"B has shape {B.shape}; its rows must match the {A.shape[0]} of A")
     if not np.isfinite(A).all():
         raise InputError("A must be finite")

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.model.transport_operator import as_array
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.numerics.validation import (
@@ -118,7 +119,7 @@ class Periscope(StillMethod[np.floating[Any]]):
     @cached_property
     def preconditioner(self) -> Preconditioner:
         """P in factored form."""
-        return form_preconditioner(np.asarray(self.fit.rows), self.fit.basis)
+        return form_preconditioner(as_array(self.fit.rows), self.fit.basis)
 
     @cached_property
     def _matrix(self) -> Image:

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_matrix
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.scene.wall import camera_of, shape_of
@@ -229,8 +229,9 @@ def add_bounces(
 ) -> BouncedTransport:
     """Add light that bounces to a direct A, (M, N), in place: it becomes the channels' mean.
 
-    Parameters, errors and warnings are those of `render_bounced_light`.
+    A read-only A is copied. Parameters, errors and warnings are those of `render_bounced_light`.
     """
+    A = np.require(checked_matrix(A, "A"), requirements="W")
     bounced = render_bounced_light(scenario, bounces=bounces, seed=seed, progress=progress)
     for start in range(0, len(A), 1024):  # so many rows bound the memory
         rows = slice(start, start + 1024)

@@ -1,11 +1,11 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
 import math
-from collections import Counter
+import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -17,12 +17,18 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import PydanticCustomError
+from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer
+from ruamel.yaml.error import MarkedYAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.resolver import VersionedResolver
 
 from periscopy_sim.errors import ConfigurationError, did_you_mean, path_fault
 from periscopy_sim.numerics.limits import read_regular, size_of
 
 MOST_LETTERS = 1 << 17
-"""Bytes of a YAML file, and its letters and entries once aliases are filled in: 1 s of parsing."""
+"""Bytes of a YAML file, and its letters and entries once aliases are filled in. At worst, of a list
+of digits, it takes 6 s to parse."""
 
 UNKNOWN = "extra_forbidden"
 """Pydantic's type of a mistake: an entry that a model does not know."""
@@ -63,7 +69,10 @@ def _rows_and_columns(value: Any) -> Any:
     return value if isinstance(value, list | tuple) else size_of(text_of(value))
 
 
-Side = Annotated[int, Field(ge=1, le=10_000)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+"""A finite number, no text or truth value."""
+
+Side = Annotated[int, Field(strict=True, ge=1, le=10_000)]
 RowsAndColumns = Annotated[tuple[Side, Side], BeforeValidator(_rows_and_columns)]
 """Rows and columns, written as ROWSxCOLUMNS."""
 
@@ -76,62 +85,104 @@ Sizes = Annotated[
 Document = TypeVar("Document", bound=Strict)
 
 
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, but each key is a text, and one given twice is an error."""
+MERGE = "merge"
+_SCALARS = {
+    "null": r"~|null|Null|NULL|",
+    MERGE: "<<",
+    "bool": r"true|True|TRUE|false|False|FALSE",
+    "int": r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+",
+    "float": r"""[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?
+                 |[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)""",
+}
+"""Plain scalars that are no texts, by YAML 1.2's core schema (Sec. 10.3); and what merges."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        counts = Counter(key.value for key in keys)
-        for key in reversed(keys):
-            if counts[key.value] > 1:
-                problem = f"'{key.value}' is given twice"
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-            if key.value != "<<":  # which merges
-                key.tag = self.DEFAULT_SCALAR_TAG  # of a text, not of yes, null or 1
-        return dict(super().construct_mapping(node, deep))
-
-
-def _whole(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
-    """Return an integer; what YAML 1.1 takes for sixtieths, as 1:9:3, stays a text."""
-    return node.value if ":" in node.value else loader.construct_yaml_int(node)
+_TAG = "tag:yaml.org,2002:"
+_TYPED = [(_TAG + name, re.compile(rf"({form})\Z", re.X)) for name, form in _SCALARS.items()]
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _whole)
+class _CoreSchema(VersionedResolver):
+    """The types of plain scalars, whatever version of YAML a file names."""
+
+    types = _TYPED
+
+    @property
+    def versioned_resolver(self) -> dict[None, list[tuple[str, re.Pattern[str]]]]:
+        """Return the tags and forms of scalars, whatever they begin with."""
+        return {None: self.types}
+
+    @property
+    def processing_version(self) -> tuple[int, int]:
+        """Return the version of YAML."""
+        return 1, 2
 
 
-def _letters(node: yaml.Node, known: dict[int, float]) -> float:
+class _Texts(_CoreSchema):
+    """Plain scalars are texts, as on a command line, but for null."""
+
+    types = _TYPED[:2]  # null, and what merges
+
+
+class _Composer(Composer):
+    """Each entry's name is a text, not yes, null or 1; one given twice is an error."""
+
+    def compose_mapping_node(self, anchor: Any) -> MappingNode:
+        """Return the node of a mapping."""
+        node: MappingNode = super().compose_mapping_node(anchor)
+        names = set[str]()
+        for key, _ in node.value:
+            fault = "" if isinstance(key, ScalarNode) else "an entry's name is no text"
+            if not fault and key.value in names:
+                fault = f"'{key.value}' is given twice"
+            if fault:
+                raise MarkedYAMLError(problem=fault, problem_mark=key.start_mark)
+            names.add(key.value)
+            if key.tag != _TAG + MERGE:
+                key.tag = self.resolver.DEFAULT_SCALAR_TAG
+        return node
+
+
+def _letters(node: Node, known: dict[int, float]) -> float:
     """Return the letters and entries of a node whose aliases are filled in; `known` by identity."""
     if id(node) not in known:
         known[id(node)] = math.inf  # of a node within itself
         within = node.value
-        if isinstance(node, yaml.MappingNode):
+        if isinstance(node, MappingNode):
             within = [each for pair in node.value for each in pair]
         own = len(within) if isinstance(within, str) else sum(_letters(n, known) for n in within)
         known[id(node)] = 1 + own
     return known[id(node)]
 
 
-def read_yaml(path: Path, model: type[Document]) -> Document:
-    """Return the content of a YAML file as a model whose field `folder` is the file's own.
+def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> Document:
+    """Return the content of a file of YAML 1.2 as a model whose field `folder` is the file's own.
 
-    A file that is no YAML is a `ConfigurationError`, and so are entries that are unknown, missing
-    or out of range, all of them with their lines.
+    With `as_texts`, numbers and truth values stay the texts that the file has. A file that is no
+    YAML is a `ConfigurationError`, and so are entries that are unknown, missing or out of range,
+    all of them with their lines.
     """
+    yaml, content = YAML(typ="safe", pure=True), b""
+    yaml.Resolver, yaml.Composer = _Texts if as_texts else _CoreSchema, _Composer
+    yaml.composer.warn_double_anchors = False
     try:
-        loader = _Loader(read_regular(path, MOST_LETTERS).decode("utf-8-sig"))
-        document = loader.get_single_node()
+        content = read_regular(path, MOST_LETTERS)
+        is_wide = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
+        document = yaml.compose(content.decode("utf-16" if is_wide else "utf-8-sig"))
         if document and _letters(document, {}) > MOST_LETTERS:
             raise ValueError("its aliases repeat too much, or hold themselves")
-        entries = document and loader.construct_document(document)
+        entries = document and yaml.constructor.construct_document(document)
     except OSError as error:
         fault = path_fault(path) or f"{error.strerror}; check the path"
         raise ConfigurationError(f"{path}: {fault}") from None
-    except Exception as error:  # PyYAML also raises what Python says of an impossible date
+    except Exception as error:  # the reader also raises what Python says of a huge integer
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark else ""
-        problem = str(getattr(error, "problem", None) or error).splitlines()[0]
+        parts = (getattr(error, "context", None), getattr(error, "problem", None))
+        problem = (", ".join(filter(None, parts)) or str(error)).splitlines()[0]
         if isinstance(error, RecursionError):
             problem = "its entries are nested too deeply"
+        if isinstance(error, UnicodeDecodeError):
+            line = content.count(b"\n", 0, error.start) + 1
+            place, problem = f", line {line}", f"{error.reason} of {error.encoding}"
         raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
     if not isinstance(entries, dict) or "folder" in entries:
         raise ConfigurationError(f"{path}: is no mapping of entries as the example is")
@@ -145,17 +196,17 @@ def read_yaml(path: Path, model: type[Document]) -> Document:
         ) from None
 
 
-def _located(node: yaml.Node | None, mistake: Any) -> str:
+def _located(node: Node | None, mistake: Any) -> str:
     """Return the line and the name of the entry that pydantic reports, as the document has it."""
     line, name = 1, ""
     for part in mistake["loc"]:
         pairs: list[tuple[Any, Any]] = []
-        if isinstance(node, yaml.MappingNode):
+        if isinstance(node, MappingNode):
             pairs = [pair for pair in node.value if pair[0].value == part]
-        elif isinstance(node, yaml.SequenceNode):
+        elif isinstance(node, SequenceNode):
             pairs = [(each, each) for k, each in enumerate(node.value) if k == part]
         if pairs:
-            line, node = pairs[0][0].start_mark.line + 1, pairs[0][1]
+            line, node = pairs[-1][0].start_mark.line + 1, pairs[-1][1]
         elif part != mistake["loc"][-1] or mistake["type"] != "missing":
             continue  # a kind, which pydantic names too
         name += f"[{part}]" if isinstance(part, int) else f".{part}"

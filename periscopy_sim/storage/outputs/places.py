@@ -145,9 +145,7 @@ def unreachable_reported(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise OutputError(
-            f"cannot use {path}: {reason}; mend that, and run the same command again"
-        ) from error
+        raise OutputError(f"cannot use {path}: {reason}; mend that, and begin again") from error
 
 
 @contextmanager

@@ -2,7 +2,6 @@ import json
 import re
 
 import pytest
-import yaml
 
 from periscopy_sim.cli.options import parse_indices
 from periscopy_sim.dataset.configuration import EXAMPLE
@@ -29,7 +28,7 @@ def configuration(tmp_path):
     """Write the configuration, with changes."""
 
     def write(**changes):
-        (tmp_path / "config.yaml").write_text(yaml.safe_dump({**CONFIGURATION, **changes}))
+        (tmp_path / "config.yaml").write_text(json.dumps({**CONFIGURATION, **changes}))
 
     return write
 

@@ -11,7 +11,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-import yaml
 from PIL import Image
 
 import periscopy_sim as ps
@@ -146,16 +145,16 @@ def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, r
         "flips": False, "sbr": "0.5:5:log:2", "methods": ["truncated-svd"], "out": "file",
         "vary": {"truncated-svd.tv_weight": "1:9:2", "snr": 50}, "seeds": 2,
     }  # fmt: skip
-    (folder / "study.yaml").write_text(yaml.safe_dump(study))
+    (folder / "study.yaml").write_text(json.dumps(study))
     succeeds("sweep", "--study", "study.yaml", "--seeds", "1", "--vary", "snr=40,60")
     vary = ("--vary", "truncated-svd.tv_weight=1,9", "--vary", "snr=40,60")
     succeeds(*command("--no-flips", *vary, methods="truncated-svd"))
     file, out = (contents(folder / name) for name in ("file", "out"))
     same = {name for name in out if "sweep.zarr" in name or name in ("settings.json", "sweep.csv")}
     assert len(same) > 10 and all(file[name] == out[name] for name in same)
-    (folder / "study.yaml").write_text(yaml.safe_dump({**study, "vary": {"snr": None}}))
+    (folder / "study.yaml").write_text(json.dumps({**study, "vary": {"snr": None}}))
     assert "vary: snr" in refused("sweep", "--study", "study.yaml")
-    (folder / "study.yaml").write_text(yaml.safe_dump({**study, "sbr": {"low": 1}}))
+    (folder / "study.yaml").write_text(json.dumps({**study, "sbr": {"low": 1}}))
     assert "sbr" in refused("sweep", "--study", "study.yaml")
 
 
@@ -262,6 +261,20 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
 )
 def test_bad_input_is_one_line(changes, offender, refused):
     assert offender in refused(*command(**changes))
+
+
+@pytest.mark.parametrize(
+    ("entry", "option"),
+    [
+        ("snr: 1:2.5", ("--snr", "1:2.5")),
+        ("seeds: 0x8", ("--seeds", "0x8")),
+        ("vary: {assumed.occluder_dx: 0:0.05}", ("--vary", "assumed.occluder_dx=0:0.05")),
+        ("vary: {snr: 2020-01-01}", ("--vary", "snr=2020-01-01")),
+    ],
+)
+def test_study_file_is_refused_as_the_command_line(entry, option, refused, folder):
+    (folder / "study.yaml").write_text(entry)
+    assert refused(*command(), "--study", "study.yaml") == refused(*command(), *option)
 
 
 KILLED = """
