@@ -238,7 +238,7 @@ def _signals(geometry: "Geometry", hidden: Sequence[Array]) -> NDArray[np.floati
     y = times_rows(rows, channels_mean(A)).reshape(frames, channels, -1)
     if isinstance(A, BouncedTransport):
         y += A.beyond_mean(np.moveaxis(f, 1, -1)).swapaxes(1, 2)
-    y *= scenario.channel_gain.astype(np.float32)[:, None]
+    y *= np.atleast_2d(scenario.channel_gain).astype(np.float32).T
     return np.moveaxis(y, 1, -1).reshape(frames, *scenario.photograph_shape, channels)
 
 
@@ -249,9 +249,8 @@ def _background(
     if ambient.lamps is not None:
         (places, powers), frame = ambient.lamps, scenario.view.frame
         lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
-        powers = powers * scenario.channel_gain
         light = lamp_light(lights, powers, scenario.view.centers, scenario.view.center_normals)
-        return light.reshape(*scenario.photograph_shape, -1)
+        return light.reshape(*scenario.photograph_shape, -1) * _colour(scenario)
     if not ambient.mixture:
         return None
     total = 0.0
@@ -259,7 +258,13 @@ def _background(
         turned = slice(None, None, -1 if down else 1), slice(None, None, -1 if across else 1)
         picture = backgrounds[ambient.source][which][turned].astype(np.float64)
         total = total + weight / picture.mean() * picture  # weights are of light, in any unit
-    return total * scenario.channel_gain
+    return total * _colour(scenario)
+
+
+def _colour(scenario: Scenario) -> Array:
+    """Return the wall's colour, (rows, columns, 3), or (1, 1, 3) without a texture."""
+    colour = scenario.channel_gain * scenario.paint
+    return colour.reshape(*(scenario.photograph_shape if len(colour) > 1 else (1, 1)), -1)
 
 
 def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Array:
@@ -347,10 +352,11 @@ def backgrounds_of(
 
     Pictures show the scene's wall, with a positive mean; `folder` keeps rendered conditions.
     """
-    gain, light = scenario.channel_gain, {}
-    view = scenario.view
+    colour, light = _colour(scenario), {}
+    view = scenario.view.even
     if view.reflectance is not None:
-        scenario = replace(scenario, view=replace(view, reflectance=view.reflectance / gain))
+        grey = view.reflectance / view.channel_gain
+        scenario = replace(scenario, view=replace(view, reflectance=grey))
     for number, source in enumerate(settings.ambient):
         if isinstance(source, Conditions):
             pictures = ambient_photographs(
@@ -359,7 +365,7 @@ def backgrounds_of(
             )  # fmt: skip
         elif isinstance(source, Pictures):
             shape = scenario.photograph_shape
-            pictures = {file: read_photograph(file, shape).values / gain for file in source.files}
+            pictures = {file: read_photograph(file, shape).values / colour for file in source.files}
         else:
             continue
         for name, picture in pictures.items():
