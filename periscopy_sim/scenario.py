@@ -142,6 +142,11 @@ class Scenario:
         return self.view.channel_gain
 
     @property
+    def paint(self) -> Array:
+        """(M, 1) or (1, 1) the brightness of the wall in A and B, see `View`."""
+        return self.view.paint
+
+    @property
     def transport_shape(self) -> tuple[int, int]:
         """(M, N), the shape of the light transport matrix."""
         return len(self.view.points), self.hidden.patches

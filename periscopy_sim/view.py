@@ -40,8 +40,10 @@ class View:
         (3,) albedo of a diffuse wall, or (M, 3) of each pixel's area where the wall has a texture;
         None for another material.
     channel_gain
-        (3,) the wall's colour, mean 1, or (M, 3) that of each pixel beside its `albedo`: a
-        photograph's channel c is channel_gain[..., c] * A @ f[:, c].
+        (3,) the wall's colour, mean 1, or (M, 3) of a texture in each pixel, beside the albedo in
+        A's row: a photograph's channel c is channel_gain[..., c] * A @ f[:, c].
+    texture
+        (M, K, 3) albedo about each point over its pixel's; None of a wall without a texture.
     relief
         How far the wall's shape, seen or not, reaches into the room out of the plane that is seen,
         in metres: there it might cast shadows.
@@ -61,6 +63,7 @@ class View:
     corners: Array
     reflectance: Array | None
     channel_gain: Array
+    texture: Array | None = None
     relief: float = 0.0
     pixels: Mask | None = None
     is_cut: bool = False
@@ -111,37 +114,59 @@ class View:
 
     @cached_property
     def albedo(self) -> Array:
-        """(M, 1) albedo in each row of A, or (1, 1) for all, of a diffuse wall.
+        """Albedo in A's rows, () or of a texture (M,); of a diffuse wall.
 
-        One albedo serves all channels: their `channel_gain` is the rest. In a texture this is the
-        albedo by which noise of the photograph, divided by the gain, is as strong in each pixel, in
-        the mean over channels; of a grey texture, the pixel's albedo.
+        One albedo serves all channels, whose `channel_gain` is the rest. Noise of a photograph over
+        that gain is as strong in each pixel, in the mean over the channels: so of a texture that is
+        dark in one channel, the albedo is little, and the gain is not.
         """
         assert self.reflectance is not None
-        sums = (np.atleast_2d(each).sum(axis=1) for each in (self.reflectance, self.channel_gain))
-        return np.asarray(np.divide(*sums)[:, np.newaxis])
-
-    @property
-    def has_texture(self) -> bool:
-        """Whether the wall's reflectance differs from pixel to pixel."""
-        return self.channel_gain.ndim == 2
+        return np.asarray(self.reflectance.sum(axis=-1) / self.channel_gain.sum(axis=-1))
 
     @property
     def paint(self) -> Array:
-        """(M, 1) albedo of each row of A over their mean; (1, 1), one, without a texture."""
-        return self.albedo / self.albedo.mean() if self.has_texture else np.ones((1, 1))
+        """(M, 1) albedo in A's rows over their mean; (1, 1), one, without a texture."""
+        if self.texture is None:
+            return np.ones((1, 1))
+        return np.asarray(self.albedo / self.albedo.mean())[:, np.newaxis]
+
+    @cached_property
+    def point_paint(self) -> Array:
+        """(M, K) the same about each point: A averages over the points by these weights."""
+        return np.ones((1, 1)) if self.texture is None else self.paint * self.texture.mean(axis=2)
+
+    @property
+    def painted_normals(self) -> Array:
+        """(M, K, 3) normals, as long as `point_paint`: all diffuse light is linear in them."""
+        return self.normals * self.point_paint[..., np.newaxis]
 
     @property
     def even(self) -> "View":
-        """The view of the same wall without its texture, painted evenly in the mean colour.
+        """The view of the same wall without its texture, in the texture's mean colour.
 
-        A and ambient light of this wall, times `paint`, are those of the textured one.
+        Smooth light on this wall, such as ambient light, becomes that on the textured one by its
+        `paint`, which A's rows have.
         """
-        if not self.has_texture:
+        if self.texture is None:
             return self
         colour = (self.channel_gain * self.paint).mean(axis=0)
-        reflectance = self.albedo.mean() * colour / colour.mean()
-        return replace(self, reflectance=reflectance, channel_gain=colour / colour.mean())
+        gain = colour / colour.mean()
+        reflectance = self.albedo.mean() * gain
+        return replace(self, reflectance=reflectance, channel_gain=gain, texture=None)
+
+    def of_channel(self, channel: int) -> "View":
+        """Return the view of a grey wall that reflects as one channel of this wall does.
+
+        By its A a texture's colours are exact within a pixel, too.
+        """
+        assert self.reflectance is not None
+        one = [channel] * 3
+        return replace(
+            self,
+            reflectance=self.reflectance[..., one],
+            channel_gain=np.ones_like(self.channel_gain),
+            texture=None if self.texture is None else self.texture[..., one],
+        )
 
     @property
     def numbers(self) -> NDArray[np.intp]:
@@ -187,7 +212,8 @@ class View:
         """Return the view of some of this view's pixels: True of (rows, columns)."""
         used, K = pixels.ravel()[self.numbers], self.points.shape[1]
         by_pixel = ["points", "normals"]
-        by_pixel += ["reflectance", "channel_gain"] * self.has_texture
+        if self.texture is not None:
+            by_pixel += ["reflectance", "channel_gain", "texture"]
         chosen = {name: getattr(self, name)[used] for name in by_pixel}
         return replace(self, **chosen, rays=self.rays[:, np.repeat(used, K)], pixels=pixels)
 

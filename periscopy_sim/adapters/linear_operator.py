@@ -25,13 +25,13 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     photograph_shape
         (rows, columns).
     channel_gain
-        (C,) the wall's colour.
+        (C,) the wall's colour, or (M, C) of a texture.
     """
 
     def __init__(
         self, A: Matrix, hidden: Hidden, photograph_shape: Size, channel_gain: NDArray[Any]
     ) -> None:
-        (M, N), C = A.shape, len(channel_gain)
+        (M, N), C = A.shape, channel_gain.shape[-1]
         super().__init__(np.dtype(getattr(A, "dtype", np.float32)), (C * M, C * N))
         self.A, self.hidden, self.photograph_shape = A, hidden, photograph_shape
         self.channel_gain = channel_gain.astype(self.dtype)
@@ -63,11 +63,13 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
 
     def _planes(self, X: NDArray[Any]) -> NDArray[Any]:
         """Return (C n, K) as (n, C K), of A's type."""
-        return np.asarray(X, self.dtype).reshape(-1, len(self.channel_gain) * X.shape[1])
+        return np.asarray(X, self.dtype).reshape(-1, self.channel_gain.shape[-1] * X.shape[1])
 
     def _coloured(self, y: NDArray[Any]) -> NDArray[Any]:
         gain = self.channel_gain
-        return y if np.all(gain == 1) else y * np.repeat(gain, y.shape[1] // len(gain))
+        return (
+            y if np.all(gain == 1) else y * np.repeat(gain, y.shape[1] // gain.shape[-1], axis=-1)
+        )
 
 
 def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
@@ -80,7 +82,8 @@ def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
         anew in every pass (``row_blocks``, such as `RenderedTransport`).
     scene
         The scene of A, or anything with its ``photograph_shape``, its ``hidden`` surfaces, or their
-        (R, C), and its ``channel_gain``, (C,); None for images of one row and a grey wall.
+        (R, C), and its ``channel_gain``, (C,) or (M, C); None for images of one row and a grey
+        wall.
 
     Returns
     -------

@@ -33,7 +33,7 @@ class TorchTransport:
     photograph_shape
         (r, c), rows and columns.
     gain
-        (channels, 1) tensor, the wall's colour.
+        (channels, 1) tensor, the wall's colour; or (channels, M) of a texture.
 
     Raises
     ------
@@ -53,7 +53,7 @@ class TorchTransport:
         self.hidden, self.photograph_shape = known.hidden, known.photograph_shape
         A = np.require(known.A, requirements=["C", "W"])
         self.A = torch.as_tensor(A, device=device, dtype=dtype)
-        self.gain = torch.as_tensor(known.channel_gain).to(self.A)[:, None]
+        self.gain = torch.as_tensor(np.atleast_2d(known.channel_gain).T.copy()).to(self.A)
 
     def to(self, device: Any = None, dtype: Any = None) -> "TorchTransport":
         """Return the same on another device or of another type."""

@@ -145,20 +145,19 @@ class Way(ABC):
     """The way to a hidden surface's columns of A: what light runs past, as arrays."""
 
     points: Array  # (M, K, 3)
-    normals: Array  # (M, K, 3)
+    normals: Array  # (M, K, 3), as long as the wall is bright there
     exponents: Array  # (2,) of the surface's profile
-    scale: Array  # (M, 1) or (1, 1) of the light that `fill` computes
+    scale: float  # of the light that `fill` computes
     patches: int  # R C
 
     def light(self, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
         """Return the surface's columns of A, (M, R C)."""
         A = np.empty((len(self.points), self.patches), dtype)
-        scale = np.broadcast_to(self.scale, (len(A), 1)).astype(dtype)
 
         def part(rows: tuple[int, int]) -> None:
             own = A[slice(*rows)]
             self.fill(slice(*rows), own)
-            own *= scale[slice(*rows)]
+            own *= self.scale
             np.maximum(own, 0, out=own)  # of a patch in full shadow rounding is left
 
         in_parallel(part, ranges(len(A)))
@@ -204,9 +203,9 @@ class Outlines(Way):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the light and its derivatives by the outlines' motion; see `light_derivatives`."""
         A, count = self.light(), len(sides)
-        points, normals, cells, exponents, vertices = [
+        points, normals, cells, exponents, vertices, scales = [
             np.array([(getattr(side, name) - getattr(self, name)) / by for side, by in sides])
-            for name in ("points", "normals", "cells", "exponents", "vertices")
+            for name in ("points", "normals", "cells", "exponents", "vertices", "scale")
         ]
         vertices = vertices[:, self.borders.sources]
         changes = np.empty((count, *A.shape), np.float32)
@@ -219,11 +218,10 @@ class Outlines(Way):
             light_derivatives(lit, by, vertices, self.borders, self.shape, self.cut, out)
 
         in_parallel(part, ranges(len(A)))
-        changes *= self.scale.astype(np.float32)
-        for change, (side, by) in zip(changes, sides, strict=True):
-            growth = (side.scale / self.scale - 1) / by
-            if growth.any():
-                change += growth * A
+        changes *= self.scale
+        for change, by in zip(changes, scales, strict=True):
+            if by:
+                change += by / self.scale * A
         return A, changes
 
 
@@ -282,7 +280,7 @@ def way_to(scenario: Scenario, name: str, *, by_faces: bool = False) -> Way:
     if view.relief > LIFT * np.ptp(view.points @ wall.across):
         raise no_closed_form(scene, "wall", "has parts that stand out of the plane that is seen")
     exponents = np.array([emission.vertical, emission.horizontal])
-    scale = view.albedo / np.pi
+    scale = float(view.even.albedo) / np.pi
     outlines = None if by_faces else outlines_on(view, name, surface, exponents, scale)
     if outlines is not None:
         return outlines
@@ -298,11 +296,13 @@ def way_to(scenario: Scenario, name: str, *, by_faces: bool = False) -> Way:
         raise no_closed_form(scene, name, "hides parts of itself; split it")
     stacked = np.concatenate(faces)
     patches = len(surface.centers)
-    return Faces(view.points, view.normals, exponents, scale, patches, stacked, patches_of(surface))
+    return Faces(
+        view.points, view.painted_normals, exponents, scale, patches, stacked, patches_of(surface)
+    )
 
 
 def outlines_on(
-    view: View, name: str, surface: Surface, exponents: Array, scale: Array
+    view: View, name: str, surface: Surface, exponents: Array, scale: float
 ) -> Outlines | None:
     """Return the way by outlines, in the surface's coordinates; None where it has none."""
     across, up, normal = surface.across[0], surface.up[0], surface.normals[0]
@@ -315,7 +315,8 @@ def outlines_on(
     cut = -(-CELLS // shape)
     cells = np.array([width, height]) / cut[::-1]
     unit = np.array([*cells, 1.0])
-    points, normals = (view.points - first) @ turned / unit, view.normals @ turned
+    points = (view.points - first) @ turned / unit
+    normals = view.painted_normals @ turned
     if points[..., 2].min() <= 0:
         return None
     # All light runs within the hull of these corners.
@@ -334,7 +335,7 @@ def outlines_on(
                 continue
             return None
         meshes.append((vertices, occluder.faces))
-    scale, patches = scale * width * height, len(surface.centers)
+    scale, patches = scale * float(width * height), len(surface.centers)
     return Outlines(points, normals, exponents, scale, patches, cells, meshes, shape * cut, cut)
 
 

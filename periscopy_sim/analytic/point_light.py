@@ -112,8 +112,10 @@ def point_light_backgrounds(seen: View | Scenario, grid: Array | None = None) ->
             "coordinate above 0)"
         )
     lights = frame.center + offsets @ np.stack([frame.across, frame.normal, frame.up])
-    B = point_light_response(lights, view.points.reshape(-1, 3), view.normals.reshape(-1, 3))
-    return np.asarray(B.reshape(*view.points.shape[:2], -1).mean(axis=1)) * view.paint
+    B = point_light_response(
+        lights, view.points.reshape(-1, 3), view.painted_normals.reshape(-1, 3)
+    )
+    return np.asarray(B.reshape(*view.points.shape[:2], -1).mean(axis=1))
 
 
 def _stretched_grid(view: View) -> Array:

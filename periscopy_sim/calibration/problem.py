@@ -57,13 +57,22 @@ def shown_light(picture: Image | Mapping[str, Image], hidden: Hidden) -> Array:
     return hidden.join({n: area_average(each, hidden[n].shape) for n, each in images.items()})
 
 
+def evenly_coloured(light: Array, view: View, pixels: Mask) -> Array:
+    """Return light in M pixels of a view, (M, C), without the colours of the wall's texture."""
+    if view.texture is None:
+        return light
+    gain = view.channel_gain[pixels.ravel()]
+    gain = gain if gain.shape[1] == light.shape[1] else gain.mean(axis=1, keepdims=True)
+    return np.asarray(light * gain.mean(axis=0) / gain)
+
+
 def ambient_basis(view: View, pixels: Mask, photograph: Photograph) -> Array:
     """Return an orthonormal basis, (M, r), of the ambient light in M pixels of a view.
 
     The photographs with the monitor off, which belong to a photograph, show some of it.
     """
     Q = background_basis(point_light_backgrounds(view)[pixels.ravel()])
-    off = [each[pixels] for each in photograph.monitor_off.values()]
+    off = [evenly_coloured(e[pixels], view, pixels) for e in photograph.monitor_off.values()]
     return joined_basis(Q, np.hstack([Q[:, :0], *off]))
 
 
@@ -118,7 +127,8 @@ class CalibrationProblem:
         finest = self._averaged[0]
         across, part = points_across(finest.shape), level.scene.scenario
         scene = self._scene(finest.pixels, across, part.hidden)
-        return replace(level, finer=(scene, averages(finest.pixels, part.view.shape, across)))
+        by = averages(finest.pixels, part.view.shape, across, scene.scenario.paint)
+        return replace(level, finer=(scene, by))
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
@@ -173,13 +183,14 @@ class CalibrationProblem:
         first = averaged[0]
         pixels = first.pixels
         scene = self._scene(pixels, -(-points // max(shape)), hidden)
-        Q = ambient_basis(self._view(shape), pixels, first)
+        view = self._view(shape)
+        Q = ambient_basis(view, pixels, first)
         if len(Q) <= 2 * Q.shape[1]:
             raise PhotographError(
                 f"{len(Q)} pixels are used, too few beside {Q.shape[1]} kinds of ambient light; "
                 "give a larger photograph, or mask less of it"
             )
-        light = [each.values[pixels] for each in averaged]
+        light = [evenly_coloured(each.values[pixels], view, pixels) for each in averaged]
         groups = []
         for y, picture in zip(light, self.pictures, strict=False):
             shown = shown_light(picture, hidden)

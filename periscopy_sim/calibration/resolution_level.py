@@ -122,7 +122,7 @@ class ResolutionLevel:
     @cached_property
     def footprints(self) -> Any:
         """(M, M) sparse averages over the pixels of light in their middles."""
-        return footprints(self.scene.pixels, self.scene.across)
+        return footprints(self.scene.pixels, self.scene.across, self.scene.scenario.paint)
 
     @cached_property
     def precision(self) -> Array:

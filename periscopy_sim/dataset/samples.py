@@ -242,7 +242,7 @@ def _signals(geometry: "Geometry", hidden: Sequence[Array]) -> NDArray[np.floati
     y = times_rows(rows, channels_mean(A)).reshape(frames, channels, -1)
     if isinstance(A, BouncedTransport):
         y += A.beyond_mean(np.moveaxis(f, 1, -1)).swapaxes(1, 2)
-    y *= scenario.channel_gain.astype(np.float32)[:, None]
+    y *= np.atleast_2d(scenario.channel_gain).astype(np.float32).T
     return np.moveaxis(y, 1, -1).reshape(frames, *scenario.photograph_shape, channels)
 
 
@@ -256,9 +256,8 @@ def _background(
     if ambient.lamps is not None:
         (places, powers), frame = ambient.lamps, scenario.view.frame
         lights = frame.center + places @ np.stack([frame.across, frame.normal, frame.up])
-        powers = powers * scenario.channel_gain
         light = lamp_light(lights, powers, scenario.view.centers, scenario.view.center_normals)
-        return light.reshape(*scenario.photograph_shape, -1)
+        return light.reshape(*scenario.photograph_shape, -1) * _colour(scenario, light.shape[-1])
     if not ambient.mixture:
         return None
     total = np.zeros(1)
@@ -266,13 +265,17 @@ def _background(
         turned = slice(None, None, -1 if down else 1), slice(None, None, -1 if across else 1)
         picture = backgrounds[ambient.source][which][turned].astype(np.float64)
         total = total + weight / picture.mean() * picture  # weights are of light, in any unit
-    return total * _gain(scenario, total.shape[-1])
+    return total * _colour(scenario, total.shape[-1])
 
 
-def _gain(scenario: Scenario, channels: int) -> Array:
-    """Return the wall's colour in so many channels; of other channels than its own it has none."""
+def _colour(scenario: Scenario, channels: int) -> Array:
+    """Return the wall's colour, (rows, columns, C), or (1, 1, C) without a texture.
+
+    In other channels than its own the wall is grey.
+    """
     gain = scenario.channel_gain
-    return gain if len(gain) == channels else np.ones(1)
+    colour = (gain if gain.shape[-1] == channels else np.ones(channels)) * scenario.paint
+    return colour.reshape(*(scenario.photograph_shape if len(colour) > 1 else (1, 1)), -1)
 
 
 def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Array:
@@ -360,10 +363,11 @@ def backgrounds_of(
 
     Pictures show the scene's wall, with a positive mean; `folder` keeps rendered conditions.
     """
-    gain, light = scenario.channel_gain, {}
-    view = scenario.view
+    light: dict[int, NDArray[np.float32]] = {}
+    view = scenario.view.even
     if view.reflectance is not None:
-        scenario = replace(scenario, view=replace(view, reflectance=view.reflectance / gain))
+        grey = view.reflectance / view.channel_gain
+        scenario = replace(scenario, view=replace(view, reflectance=grey))
     for number, source in enumerate(settings.ambient):
         if isinstance(source, Conditions):
             pictures = ambient_photographs(
@@ -380,7 +384,7 @@ def backgrounds_of(
                         f"{file}: has {values.shape[2]} channels, the camera {settings.channels}"
                     )
                 values = np.broadcast_to(values, (*shape, settings.channels))
-                pictures[file] = values / _gain(scenario, settings.channels)
+                pictures[file] = values / _colour(scenario, settings.channels)
         else:
             continue
         for name, picture in pictures.items():

@@ -82,7 +82,7 @@ def errors_of(
         return photograph, noise_level(photograph, snr) * finer
 
     hidden = scenario.hidden
-    _, σ = exposed(np.ones((hidden.patches, len(gain))))
+    _, σ = exposed(np.ones((hidden.patches, gain.shape[-1])))
     grey = σ * np.sqrt(np.mean(1 / gain**2))  # each channel divided by its gain
     bound = float(grey * _unit_bound(Fit(A, B, hidden=hidden)))
     if not images:

@@ -258,8 +258,9 @@ class OwnMethod(StillMethod[np.float64]):
         """
         light = plain_array(photograph)
         if self.fit.mixing is not None:
-            planes = np.moveaxis(self.fit.placed(self.fit.vectors(light)), 0, -1)
-            light = planes * self.fit.gain(planes.shape[-1])
+            planes = self.fit.vectors(light)
+            planes = planes * self.fit.gain(planes.shape[-1])
+            light = np.moveaxis(self.fit.placed(planes), 0, -1)
         mask = None if self.fit.mask is None else self.fit.mask.reshape(light.shape[:-1])
         light = blackened(light, mask)
         channels = light.shape[-1]

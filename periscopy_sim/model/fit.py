@@ -6,7 +6,8 @@ Q is an orthonormal basis of all ambient light, so that least squares of y⊥ ar
 [A, B] with the ambient light fitted freely: the very information that the paper's P keeps.
 
 With a colour matrix M, a photograph's channel is y_j = Σ_k M_jk g_k A f_k + B c_j + n_j, g the
-wall's colour. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k.
+wall's colour. So a grey wall would show Σ_k (M_jk g_k/g_j) A f_k. Of a textured wall A and B hold
+the albedo of each pixel, and g its colour beside that.
 """
 
 import warnings
@@ -81,7 +82,9 @@ class Fit:
     _: KW_ONLY
     hidden: Hidden  # the surfaces of the N patches
     photograph_shape: tuple[int, int] | None = None  # (rows, columns); None checks M alone
-    channel_gain: Image | None = None  # positive colour of the wall by channel; None for grey
+    # Positive colour of the wall by channel, (C,), or of each pixel, (M, C); None for grey.
+    channel_gain: Image | None = None
+    paint: Image | None = None  # (M, 1) brightness of the wall in A and B; None for an even wall
     # A photograph, whose mask, photographs with the monitor off and colour matrix count.
     conditions: Photograph | None = None
     rank_tolerance: float = ambient.RANK_TOLERANCE  # of B's singular values, see `background_basis`
@@ -101,7 +104,9 @@ class Fit:
             )
         if B is not None and len(B) != M:
             raise InputError(f"B has {len(B)} rows; they must match the {M} of A")
-        if gain is not None and not (np.ndim(gain) == 1 and (np.asarray(gain) > 0).all()):
+        if gain is not None and not (
+            np.shape(gain)[:-1] in ((), (M,)) and (np.asarray(gain) > 0).all()
+        ):
             raise InputError(f"the wall's channel gains must be positive numbers, not {gain}")
         if self.conditions is not None:
             self._check_size((1, *self.conditions.values.shape))
@@ -134,25 +139,38 @@ class Fit:
         return self.conditions.shape if known is None and self.conditions is not None else known
 
     def gain(self, channels: int) -> Array:
-        """Return the wall's colour in so many channels; a grey camera sees none."""
-        gain = np.ones(1) if self.channel_gain is None else np.asarray(self.channel_gain)
-        if len(gain) == channels:
-            return gain.astype(np.float64)
-        if channels > 1 and not np.allclose(gain, gain[0], rtol=1e-6):
+        """Return the wall's colour in so many channels, (1, C), or of each pixel used, (M', C).
+
+        A grey camera sees the channels' mean.
+        """
+        if self.channel_gain is None:
+            return np.ones((1, channels))
+        known = np.atleast_2d(np.asarray(self.channel_gain, np.float64))
+        gain = np.asarray(known if len(known) == 1 else self.used(known), np.float64)
+        if gain.shape[1] == channels:
+            return gain
+        is_grey = np.allclose(gain, gain[:, :1], rtol=1e-6)
+        if channels > 1 and not is_grey:
             raise InputError(
-                f"the photograph has {channels} channels, the wall's colour {len(gain)}; make the "
-                f"wall grey in the scene, or give {len(gain)} channels, or one"
+                f"the photograph has {channels} channels, the wall's colour {gain.shape[1]}; make "
+                f"the wall grey in the scene, or give {gain.shape[1]} channels, or one"
             )
-        return np.full(channels, 1.0 if channels == 1 else gain[0])
+        if channels > 1:
+            return np.tile(gain[:, :1], channels)
+        return gain.mean(axis=1, keepdims=True) if len(gain) > 1 else np.ones((1, 1))
 
     @cached_property
     def mixing(self) -> Array | None:
-        """(C, P) from images in the monitor's primaries to grey planes; None for the identity."""
+        """(C, P) from images in the monitor's primaries to grey planes; None for the identity.
+
+        Of a texture in several colours it is the mean over the pixels.
+        """
         if self.conditions is None or self.conditions.colour_matrix is None:
             return None
         M = self.conditions.colour_matrix.matrix
         channels, primaries = M.shape
-        return M * self.gain(primaries) / self.gain(channels)[:, None]
+        ratios = self.gain(primaries)[:, None] / self.gain(channels)[..., None]
+        return np.asarray(M * ratios.mean(axis=0))
 
     @cached_property
     def monitor_off(self) -> dict[str, Array]:
@@ -172,6 +190,10 @@ class Fit:
         """Return the rows of (M, K) in the M' pixels used; of None, (M', 0)."""
         matrix = np.zeros((self.A.shape[0], 0)) if matrix is None else matrix
         return matrix if self.mask is None else matrix[self.mask]
+
+    def on_wall(self, light: Image) -> Image:
+        """Return smooth light, (M, K), as it shows on the wall in the pixels used."""
+        return self.used(light if self.paint is None else light * self.paint)
 
     def planes(self, photographs: Image) -> Array:
         """Return photographs as a grey wall would show them, (K, C, M') float64.
@@ -205,7 +227,7 @@ class Fit:
         """An orthonormal basis of all ambient light, (M', r), and how many columns are smooth."""
         Q = ambient.background_basis(self.used(self.B), self.rank_tolerance)
         if self.profiles and Q.shape[1] and self.shape is not None:
-            Q = ambient.joined_basis(Q, self.used(ambient.wall_profiles(self.shape)))
+            Q = ambient.joined_basis(Q, self.on_wall(ambient.wall_profiles(self.shape)))
         return ambient.joined_basis(Q, self.monitor_off_columns), Q.shape[1]
 
     @property
@@ -416,8 +438,7 @@ class Fit:
                 "the photograph's fourth channel is the same everywhere, as transparency is; leave "
                 "it out: photograph[..., :3]"
             )
-        gain = self.gain(planes.shape[1])[:, None]
-        grey = np.divide(planes, gain, order="C", dtype=np.float64)
+        grey = np.divide(planes, self.gain(planes.shape[1]).T, order="C", dtype=np.float64)
         if not np.isfinite(grey).all():
             raise InputError("the photograph must be finite")
         largest = float(np.abs(grey).max(initial=0))

@@ -92,7 +92,10 @@ class WallGain:
         self._terms = polynomials(shape, 1, 2)
         used = slice(None) if fit.mask is None else fit.mask
         self._used_terms = self._terms[:, used].astype(np.float32)
-        ambient, compared = (polynomials(shape, *ends)[:, used] for ends in ((0, 5), (6, 7)))
+        ambient, compared = (
+            np.ascontiguousarray(fit.on_wall(polynomials(shape, *ends).T).T)
+            for ends in ((0, 5), (6, 7))
+        )
         self._ambient = self._unexplained(ambient, np.zeros((0, ambient.shape[1]), np.float32))
         self._compared = self._unexplained(compared, self._ambient)
 

@@ -137,8 +137,11 @@ class StillMethod(ABC, Generic[Precision]):
     photograph_shape
         (rows, columns) that photographs must have; None checks the number of pixels alone.
     channel_gain
-        Positive colour of the wall, a number for each channel, `Scenario.channel_gain`; None for a
-        grey wall. A grey photograph shows no colour.
+        Positive colour of the wall, `Scenario.channel_gain`: a number for each channel, or (M,
+        channels) of a texture; None for a grey wall. A grey photograph shows no colour.
+    paint
+        (M, 1) brightness of the wall in the rows of A and B, `Scenario.paint`, for smooth light
+        beside B; None for an even wall.
     rank_tolerance
         Relative tolerance on B's singular values, for methods that model backgrounds; see
         `background_basis`.
@@ -185,6 +188,7 @@ class StillMethod(ABC, Generic[Precision]):
         hidden: Hidden | Size | Mapping[str, Size],
         photograph_shape: Size | None = None,
         channel_gain: Image | None = None,
+        paint: Image | None = None,
         rank_tolerance: float = RANK_TOLERANCE,
     ) -> None:
         self.fit = Fit(
@@ -193,6 +197,7 @@ class StillMethod(ABC, Generic[Precision]):
             hidden=Hidden.of(hidden),
             photograph_shape=photograph_shape,
             channel_gain=channel_gain,
+            paint=paint,
             rank_tolerance=rank_tolerance,
             unmixes=not self.mixes_colours,
         )
@@ -221,7 +226,8 @@ class StillMethod(ABC, Generic[Precision]):
         """Fit to a scenario, which gives the sizes and the colour of the wall.
 
         The scene is a `Scenario`, or anything with its ``photograph_shape``, ``hidden`` and
-        ``channel_gain``. A, B and the settings are the class's parameters.
+        ``channel_gain``, and ``paint`` where the wall has a texture. A, B and the settings are the
+        class's parameters.
         """
         construct: Callable[..., Self] = cls
         return construct(
@@ -230,6 +236,7 @@ class StillMethod(ABC, Generic[Precision]):
             hidden=scene.hidden,
             photograph_shape=scene.photograph_shape,
             channel_gain=scene.channel_gain,
+            paint=getattr(scene, "paint", None),
             **settings,
         )
 

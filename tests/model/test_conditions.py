@@ -59,8 +59,8 @@ def test_eight_bits_are_taken_as_linear_with_a_warning():
 
 def test_grey_photographs_show_no_colour_of_the_wall_and_others_need_one_for_each_channel():
     fit = Fit(A, hidden=Hidden.of(HIDDEN), channel_gain=GAIN)
-    np.testing.assert_array_equal(fit.gain(1), [1])
-    np.testing.assert_array_equal(fit.gain(3), GAIN)
+    np.testing.assert_array_equal(fit.gain(1), [[1]])
+    np.testing.assert_array_equal(fit.gain(3), [GAIN])
     with pytest.raises(ValueError, match="4 channels, the wall's colour 3"):
         fit.planes(np.random.default_rng(0).random((1, M, 4)))
-    assert (Fit(A, hidden=Hidden.of(HIDDEN), channel_gain=np.ones(3)).gain(4) == np.ones(4)).all()
+    assert (Fit(A, hidden=Hidden.of(HIDDEN), channel_gain=np.ones(3)).gain(4) == 1).all()

@@ -15,13 +15,13 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
 from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
 from periscopy_sim.rendering.scene.placement import CAMERAS, SceneLayout, only_motions
+from periscopy_sim.rendering.scene.texture import trace_texture
 from periscopy_sim.rendering.scene.wall import (
     camera_of,
     map_points,
     middle_shape,
     shape_of,
     surface_at,
-    trace_paint,
     trace_wall,
 )
 from periscopy_sim.rendering.variant import LANES, mi, without_warnings
@@ -228,6 +228,15 @@ class SceneLoader:
 
     def view(self, scene: Scene, shape: Size | None, across: int, camera: str) -> View:
         """Return what a scene's camera sees of its wall; see `View.of`."""
+        view = self._averaged(scene, shape, across, camera)
+        if view.texture is None or across == 1:
+            return view
+        # Whatever the points in a pixel, its mean colour is the same.
+        whole = self.view(scene, shape, 1, camera)
+        return replace(view, reflectance=whole.reflectance, channel_gain=whole.channel_gain)
+
+    def _averaged(self, scene: Scene, shape: Size | None, across: int, camera: str) -> View:
+        """Return a view whose texture's mean colours may err a little."""
         key = shape, across, camera
         if key not in self._views:
             self._views[key] = self._trace_view(*key)
@@ -241,7 +250,7 @@ class SceneLoader:
             else:
                 view = loaded.moved(scene, scene.motions)
                 if view is not None and view.wall in self._textured:
-                    view = replace(view, **self._paint(view))
+                    view = replace(view, **self._texture(view))
             if view is not None:
                 self._last_views[key] = view
                 return view
@@ -288,13 +297,14 @@ class SceneLoader:
         """Return the Mitsuba scene without hidden surfaces that light passes, for rays in A."""
         return build_scene(scene, only_opaque=True) if scene.transparent else self.built(scene)
 
-    def _paint(self, view: View) -> dict[str, Any]:
-        """Return the colours that a moved camera sees of a moved wall, by names of the view's."""
-        built, motions = self.built(self.scene), view.scene.motions
-        camera, wall = (motions.get(name, np.eye(4)) for name in (view.camera, view.wall))
-        own = camera_of(built, view.camera), shape_of(built, view.wall)
+    def _texture(self, view: View) -> dict[str, Any]:
+        """Return what a moved camera sees of a moved wall's texture, by fields of the view."""
+        built, names = self.built(self.scene), (view.camera, view.wall)
+        camera, wall = (view.scene.motions.get(name, np.eye(4)) for name in names)
+        parts = built, camera_of(built, view.camera), shape_of(built, view.wall)
         what = f"scene '{self._path}': the wall ({self._materials[view.wall]})"
-        return trace_paint(built, *own, view.shape, what, np.linalg.inv(wall) @ camera)
+        motion = np.linalg.inv(wall) @ camera
+        return trace_texture(*parts, view.shape, view.across, what, motion)
 
     def _trace_view(self, shape: Size | None, across: int, name: str) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"
@@ -317,16 +327,7 @@ class SceneLoader:
         wall = walls[middle]
         what = f"{where}: the wall ({self._materials[wall.name]})"
         body = shape_of(built, wall.name)
-        # Whatever the points in a pixel, a texture is averaged over its area.
-        known = next(
-            (
-                {"reflectance": view.reflectance, "channel_gain": view.channel_gain}
-                for (_, _, other), view in self._views.items()
-                if other == name and view.shape == (rows, columns) and view.has_texture
-            ),
-            None,
-        )
-        seen = trace_wall(built, camera, body, (rows, columns), across, where, what, known)
+        seen = trace_wall(built, camera, body, (rows, columns), across, where, what)
         # How far the wall's shape reaches ahead of the plane that is seen.
         points, normals = (seen[each].reshape(-1, 3) for each in ("points", "normals"))
         ends = self.scene.boxes[wall.name] if wall.vertices is None else wall.vertices

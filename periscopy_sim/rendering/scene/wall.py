@@ -1,7 +1,6 @@
 """The wall as the camera's own rays meet it: its places, its colour or texture; no mirror."""
 
-from collections.abc import Callable, Mapping
-from itertools import product
+from collections.abc import Callable
 from operator import itemgetter
 from typing import Any
 
@@ -10,14 +9,8 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.variant import (
-    LANES,
-    dr,
-    is_vectorized,
-    mi,
-    one_line,
-    require_vectorized,
-)
+from periscopy_sim.rendering.scene.texture import trace_texture
+from periscopy_sim.rendering.variant import dr, is_vectorized, mi, one_line
 from periscopy_sim.scene import CAMERA
 
 SLOPES = (0.8, 0, 0.6), (0, 0.8, 0.6)
@@ -27,29 +20,14 @@ UNIFORM = 1e-4
 """Change of reflectance, relative to the largest, that counts as none: far above the rounding of
 single precision, 1e-7, and below the noise of a 60 dB photograph, 1e-3."""
 
-PAINT_ERROR = 3e-4
-"""Error of a texture's averages over pixels, root mean square over the mean albedo, at which they
-are exact enough: a third of a 60 dB photograph's noise."""
-
-PAINT_POINTS = 64, 4096
-"""Points in each pixel by which a texture is averaged first, and at most."""
-
-R2 = 0xC13FA9A9, 0x91E10DA5
-"""Steps of the lattice along x and y, over 2³²: 1 over the plastic number, and its square."""
-
-DARKEST = 1e-4
-"""Albedo over its mean that darker pixels count as, so that each channel can be divided by it: such
-a pixel shows nothing, and has no weight in A."""
-
 
 def trace_wall(
-    scene: Any, camera: Any, wall: Any, shape: tuple[int, int], across: int, where: str, what: str,
-    known: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    scene: Any, camera: Any, wall: Any, shape: tuple[int, int], across: int, where: str, what: str
+) -> dict[str, Any]:
     """Return what a `View` has of the wall that its camera sees, by the names of its fields.
 
     `where` and `what` name scene and wall in messages: a wall that cannot be treated is a
-    SceneError. The colours of a texture are the `known` ones, if any.
+    SceneError.
     """
     if int(wall.bsdf().flags()) & int(mi.BSDFFlags.DeltaReflection):  # shadow rays never find it
         raise SceneError(
@@ -79,11 +57,12 @@ def trace_wall(
     fall = np.abs(np.array(colors[2:]) / SLOPES[0][2] - colors[1]).max()
     diffuse = bool(fall <= UNIFORM * colors[1].max())
     everywhere = np.concatenate([colors[1], color_aside[hit_aside[:, 0] != 0]])
-    if not _is_even(colors, everywhere, diffuse, what):
-        _check_uv(scene, camera, wall, film, what)
-        colours = known or trace_paint(scene, camera, wall, shape, what)
+    if _is_even(colors, everywhere, diffuse, what):
+        albedo = colors[1].mean(axis=0)
+        colours: dict[str, Any] = {"reflectance": np.pi * albedo if diffuse else None}
+        colours["channel_gain"] = albedo / albedo.mean()
     else:
-        colours = _colours(colors[1], diffuse)
+        colours = trace_texture(scene, camera, wall, shape, across, what)
     # Where a mesh has normals of its own, these count, as they do for the wall's BSDF.
     own = np.abs(shading - normals).max(axis=1, keepdims=True) > 1e-6
     normals = np.where(own, shading, normals)
@@ -97,78 +76,6 @@ def trace_wall(
         "corners": np.stack([origins[ends], points[ends]]),
         **colours,
     }
-
-
-def trace_paint(
-    scene: Any, camera: Any, wall: Any, shape: tuple[int, int], what: str, motion: Any = None
-) -> dict[str, Any]:
-    """Return the colours of a diffuse wall, each averaged over its pixel's area.
-
-    The camera's rays sample a texture in each pixel by two lattices, shifted at random, whose
-    points double in number where their averages differ, until all differ by twice `PAINT_ERROR`. A
-    rectangular wall may have moved, by a matrix, (4, 4), from the camera's rays to its own.
-    """
-    require_vectorized("a wall's texture")
-    bsdf, context, count = wall.bsdf(), mi.BSDFContext(), int(np.prod(shape))
-
-    def sample(number: Any, pixel: Any, replica: int) -> list[Any]:
-        """Return what a pixel's point shows, by its number in the lattice, and if it is wall."""
-        shift = mi.sample_tea_32(pixel, mi.UInt32(replica), 8)
-        within = [
-            mi.Float((number * step + by) >> 8) * 2.0**-24
-            for step, by in zip(R2, shift, strict=True)
-        ]
-        x, y = (1 - dr.abs(2 * each - 1) for each in within)  # without jumps at the pixel's borders
-        film = mi.Point2f((pixel % shape[1] + x) / shape[1], (pixel // shape[1] + y) / shape[0])
-        ray, _ = camera.sample_ray(0.0, 0.0, film, mi.Point2f(0.5, 0.5))
-        if motion is None:
-            si = scene.ray_intersect(ray)
-            hit = _is_shape(si, wall)
-        else:
-            to_own = mi.Transform4f(motion)
-            si = wall.ray_intersect(mi.Ray3f(to_own @ ray.o, dr.normalize(to_own @ ray.d)))
-            hit = si.is_valid()
-        si.wi = mi.Vector3f(0, 0, 1)
-        colour = bsdf.eval(context, si, mi.Vector3f(0, 0, 1))
-        return [dr.select(hit, each, 0) for each in (*colour, mi.Float(1))]
-
-    sums = np.zeros((2, 4, count))  # of red, green, blue, and of points on the wall
-    pixels, first, (last, most) = np.arange(count, dtype=np.uint32), 0, PAINT_POINTS
-    while True:
-        added = last - first
-        for replica, start in product(range(2), range(0, len(pixels), LANES // added)):
-            some = pixels[start : start + LANES // added]
-            lane = dr.arange(mi.UInt32, len(some) * added)
-            pixel = dr.gather(mi.UInt32, mi.UInt32(some), lane // added)
-            seen = sample(lane % added + dr.opaque(mi.UInt32, first), pixel, replica)
-            dr.eval(*seen)  # all in one kernel
-            sums[replica][:, some] += [dr.block_sum(each, added) for each in seen]
-        means = (sums[:, :3] / np.maximum(sums[:, 3:], 1)).swapaxes(1, 2)
-        if not (np.isfinite(means).all() and means.min() >= 0):
-            raise SceneError(f"{what} has a texture with negative values or no finite numbers")
-        errors = np.abs(means[0] - means[1]) / 2
-        if last >= most or np.sqrt(np.mean(errors**2)) <= PAINT_ERROR * means.mean():
-            return _colours(means.mean(axis=0), True)
-        is_rough = errors.max(axis=1) > PAINT_ERROR * means.mean()
-        pixels = np.flatnonzero(is_rough).astype(np.uint32)
-        first, last = last, 2 * last
-
-
-def _colours(facing: Array, diffuse: bool) -> dict[str, Any]:
-    """Return `View.reflectance` and `channel_gain` of what a wall reflects along its normal.
-
-    It is (n, 3), of a texture in n pixels.
-    """
-    colour = facing.mean(axis=0)
-    gain = colour / colour.mean()
-    if (np.ptp(facing, axis=0) <= UNIFORM * facing.max()).all():
-        facing = colour
-    else:
-        paint = np.divide(facing, colour, out=np.ones_like(facing), where=colour > 0)
-        paint = np.maximum(paint, DARKEST)
-        facing = colour * paint
-        gain = gain * paint * np.sqrt(np.mean(paint**-2.0, axis=1, keepdims=True))
-    return {"reflectance": np.pi * facing if diffuse else None, "channel_gain": gain}
 
 
 def camera_of(scene: Any, name: str = CAMERA) -> Any:
@@ -269,24 +176,6 @@ def _is_even(colors: list[Array], everywhere: Array, diffuse: bool, what: str) -
             "without a texture"
         )
     return even
-
-
-def _check_uv(scene: Any, camera: Any, wall: Any, film: Array, what: str) -> None:
-    """Reject a texture by UV coordinates that a mesh lacks: Mitsuba would show it on each face."""
-    if not wall.is_mesh() or wall.has_vertex_texcoords():
-        return
-
-    def of_one_place(position: Any) -> tuple[Any]:
-        _, si = look(scene, camera, position)
-        si.uv, si.wi = mi.Point2f(0.3, 0.4), mi.Vector3f(0, 0, 1)
-        return (wall.bsdf().eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1)),)
-
-    (colors,) = map_points(of_one_place, film)
-    if (np.ptp(colors, axis=0) <= UNIFORM * colors.max()).all():
-        raise SceneError(
-            f"{what} has a texture, and its mesh no UV coordinates; unwrap the mesh (in Blender: "
-            "Edit Mode, UV, Smart UV Project) and export it with a material"
-        )
 
 
 def map_points(function: Callable[..., tuple[Any, ...]], *points: Array) -> list[Array]:

@@ -3,7 +3,7 @@
     A[i, j] = ∫_patch j f(i; q → camera) E(q → i) V(i, q) cos θ_i cos θ_q / ‖q − i‖² dq
 
 with the wall's BSDF f, the monitor's angular profile E (1 along its normal) and the visibility V.
-Of a wall with a texture f is that of its mean albedo, `View.even`.
+f of a texture is that of the albedo about the wall point, see `View.point_paint`.
 """
 
 from collections.abc import Callable
@@ -41,7 +41,12 @@ class Kernel:
         self._profile = profile_of(self._shape.emitter(), scenario.scene.emission[name])
         self._samples, self._strata = samples, strata
         self._film, self._across = scenario.view.shape, scenario.view.across
-        self._albedo = None if view.reflectance is None else float(view.even.albedo[0, 0])
+        self._albedo = None if view.reflectance is None else float(view.even.albedo)
+        self._paint = None
+        if view.texture is not None:
+            paint = np.ones((int(np.prod(view.shape)), view.texture.shape[1]), np.float32)
+            paint[view.numbers] = view.point_paint
+            self._paint = mi.Float(paint.ravel())
         # The centres of the pixels serve every patch: found once.
         self._centres = self._seen_at(dr.arange(mi.UInt32, int(np.prod(self._film))), 0.5, 0.5)
         dr.eval(self._centres)
@@ -53,7 +58,10 @@ class Kernel:
         def at_wall_point(p: Any) -> Any:
             point_key = _hash(key, p)
             si = self._wall_point(pixel, p)
-            return _sum(self._samples, lambda k: self._transfer(si, patch, k, point_key))
+            light = _sum(self._samples, lambda k: self._transfer(si, patch, k, point_key))
+            if self._paint is None:
+                return light
+            return light * dr.gather(mi.Float, self._paint, pixel * self._across**2 + p)
 
         total, (rows, columns) = _sum(self._across**2, at_wall_point), self._surface.shape
         return total / (self._samples * self._across**2 * rows * columns)

@@ -54,7 +54,7 @@ def render_transport(
     -------
     ndarray
         A, (M, N) float32, radiance sent to the camera for each unit of a patch's normal radiance.
-        Times the channel's `Scenario.channel_gain` where the wall is coloured.
+        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured.
 
     Raises
     ------
@@ -127,10 +127,8 @@ class RenderedTransport:
         hidden = self.scenario.hidden
         kernels = [Kernel(self.scenario, name, self.samples, self.strata) for name in hidden]
         chosen = np.arange(self.shape[0]) if pixels is None else pixels
-        view = self.scenario.view
-        numbers = mi.UInt32(view.numbers[chosen].astype(np.uint32))
-        paint = np.broadcast_to(view.paint, (self.shape[0], 1))[chosen].astype(np.float32)
-        work = max(1, self.samples * view.across**2 // RenderedTransport.samples)
+        numbers = mi.UInt32(self.scenario.view.numbers[chosen].astype(np.uint32))
+        work = max(1, self.samples * self.scenario.view.across**2 // RenderedTransport.samples)
         height = max(1, LANES // work // hidden.patches)
         for start in range(0, len(chosen), height):
             rows = slice(start, min(start + height, len(chosen)))
@@ -142,8 +140,7 @@ class RenderedTransport:
                 pixel = dr.gather(mi.UInt32, numbers, lane // patches + first)
                 values = entries(pixel, lane % patches, dr.opaque(mi.UInt32, self.seed + k))
                 parts.append(np.array(values).reshape(-1, patches))
-            block = np.hstack(parts) if len(parts) > 1 else parts[0]
-            yield rows, block * paint[rows] if view.has_texture else block
+            yield rows, np.hstack(parts) if len(parts) > 1 else parts[0]
 
     def white(self, pixels: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
         """Return the light, (K,), that a white hidden image sends to some pixels."""
