@@ -138,20 +138,19 @@ def reconstruct(
     rows = [["method", method], ["time", f"{sum(session.seconds.values()):.1f} s"]]
     rows += messages.comparison(compared) if compared else []
     output.show_table(rows, ["", *compared] if len(compared) > 1 else ())
-    for camera, verdict in verdicts.items():
-        line = f"{camera}: {verdict}" if several else verdict
-        output.conclude(line, messages.colour(reports[camera]))
+    for camera, (verdict, colour) in verdicts.items():
+        output.conclude(f"{camera}: {verdict}" if several else verdict, colour)
 
 
 def _of_views(
     views: Mapping[str, PhotoSession],
     photos: Sequence[Path],
-    verdicts: Mapping[str, str],
+    verdicts: Mapping[str, tuple[str, str]],
     reports: "Mapping[str, Report]",
 ) -> dict[str, Any]:
     """Return the entries of a summary on the views; of several by camera."""
     own: dict[str, dict[str, Any]] = {
-        camera: {**view.record, "photograph": str(file), "verdict": verdicts[camera]}
+        camera: {**view.record, "photograph": str(file), "verdict": verdicts[camera][0]}
         for (camera, view), file in zip(views.items(), photos, strict=True)
     }
     if len(views) == 1:
@@ -169,8 +168,6 @@ def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.Uncertain
 
     scenario, scene = session.scenario, session.scene
     known = None if given else scene_covariance(scenario.document)
-    if known and not known.trusted:
-        session.warn(messages.sentence("untrusted", scene=scene))
     if known and (changed := ", ".join(known.changed(scenario.document))):
         session.warn(messages.sentence("uncounted", scene=scene, names=changed))
         return None

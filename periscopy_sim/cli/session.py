@@ -14,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.prior import declared_errors
+from periscopy_sim.calibration.prior import distant_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import SAMPLES, Light, check_memory
-from periscopy_sim.cli.messages import sentence, verdict
+from periscopy_sim.cli.messages import colour, sentence, verdict
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
+from periscopy_sim.reconstruction.method import NOT_RIGHT
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
@@ -394,31 +395,34 @@ class PhotoSession(WallSession):
             view.settings = self.settings
         return views
 
-    def judge(self, name: str, report: "Report") -> str:
-        """Return the verdict of a report, one line with a remedy; print the other warnings."""
-        line = verdict(report, self._remedy(report))
+    def judge(self, name: str, report: "Report") -> tuple[str, str]:
+        """Return a report's verdict, one line with a remedy, and its colour; print other warnings.
+
+        A calibration that the scene carries and that is not trusted is a part of the verdict.
+        """
+        remedy = self._remedy(report)
+        line = verdict(report, remedy)
         for note in report.warnings:
-            if note.code == report.verdict.code:
-                self.warnings.append(f"{name}: {line}")
-            else:
+            if note.code != report.verdict.code:
                 self.warn(f"{name}: {sentence(note.code, **note.values)}")
-        return line
+        if remedy or report.verdict.code in NOT_RIGHT:
+            self.warnings.append(f"{name}: {line}")
+        return line, colour(report, remedy)
 
     def _remedy(self, report: "Report") -> str:
-        """Return the sentence of the likeliest remedy; empty where the scene fits."""
-        from periscopy_sim.analytic.area_transport import has_areas
-        from periscopy_sim.model.residual import EXCESS
-
-        if report.verdict.code == "unexplained":
+        """Return the remedies that lower the residual of this photograph, and what else to do."""
+        document, code = self.scenario.document, report.verdict.code
+        known = scene_covariance(document)
+        if known and not known.trusted:
+            names = ", ".join(distant_parameters(document))
+            again = sentence("measure", names=names) if names else ""
+            return f"{sentence('distrusted_scene')} {again}".rstrip()
+        if code == "unexplained":
             return sentence("default_method")
-        if report.residual is None or report.verdict.code != "does_not_fit":
+        if report.residual is None or code not in NOT_RIGHT:
             return ""
         if better := self.better_transport(self.record, self.record.get("relative_noise")):
             return sentence("pass", options=better)
-        if (report.residual.excess or EXCESS) < EXCESS:
-            return sentence("fine")
-        if not has_areas(self.scenario):
-            return sentence("measure")
-        if scene_covariance(self.scenario.document) is not None:
-            return sentence("look")
-        return sentence("calibrate" if declared_errors(self.scenario.document) else "declare")
+        untried = {"numbers": not known, "paint": not self.monitor_off}
+        remedies = [name for name in report.residual.remedies if untried[name]]
+        return " ".join(map(sentence, remedies or ["look"]))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 
 import periscopy_sim as ps
-from periscopy_sim.cli import messages, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
@@ -68,7 +68,7 @@ def video(
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
             report = still.report(wall, first)
-            verdict = session.judge(f"{frames}, first frame", report)
+            verdict, colour = session.judge(f"{frames}, first frame", report)
         flat = np.concatenate([f.reshape(len(f), -1, f.shape[-1]) for f in images.values()], axis=1)
         metadata, white = session.metadata, animation.white_of(flat)
         walls = np.where(wall.pixels[..., np.newaxis], photographs, np.nan)
@@ -109,7 +109,7 @@ def video(
         psnr = (f"{medians[f'psnr{of}']:.2f} dB" for of in named("", known))
         rows.append(["median PSNR against the truth", *psnr])
     show_table(rows, ["", *known] if len(known) > 1 else ())
-    conclude(f"first frame: {verdict}", messages.colour(report))
+    conclude(f"first frame: {verdict}", colour)
 
 
 def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps.Photograph]:
