@@ -183,7 +183,7 @@ def residual_of(
     misfit = by_any**2 - alone**2
     z, w = transport.unexplained(r)[:, lit] / noise[lit], y[:, lit] / noise[lit]
     energy = float(np.sum(z**2)) * max(misfit, SINGLE_ROUNDING) / by_any**2
-    explained = {"paint": _by_paint(z, w, fit) / energy}
+    explained = {} if shared else {"paint": _by_paint(z, w, fit) / energy}
     if (known := motions()) is not None:
         explained["numbers"] = _by_numbers(z, known[:, lit] / noise[lit, None], fit) / energy
     return replace(found, explained_by=explained)
@@ -202,7 +202,7 @@ def _by_numbers(z: Array, motions: Array, fit: Fit) -> float:
     own, others = explained(motions), [explained(each.reshape(motions.shape)) for each in places]
     chance = float(np.mean(others))
     probability = special.fdtrc(count, count * len(others), own / (chance + 1e-30))
-    return own - chance if probability < BY_CHANCE else 0.0
+    return own - chance if float(probability) < BY_CHANCE else 0.0
 
 
 def _by_paint(z: Array, w: Array, fit: Fit) -> float:
@@ -216,8 +216,8 @@ def _by_paint(z: Array, w: Array, fit: Fit) -> float:
     used = np.isfinite(factor)
     blurred = ndimage.gaussian_filter(np.nan_to_num(factor), FINE, mode="nearest")
     paint = w * (factor - blurred)[used][:, None]
-    energy = float(np.sum(z**2))
-    return energy - float(np.sum((z - paint) ** 2)) * channels / (channels - 1)
+    rest = np.sum((z - paint) ** 2) * channels / (channels - 1)
+    return float(np.sum(z**2) - rest)
 
 
 def quick_residual(y: Array, image: Any, noise: float, fit: Fit) -> Residual:
