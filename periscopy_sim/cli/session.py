@@ -419,10 +419,12 @@ class PhotoSession(WallSession):
             return f"{sentence('distrusted_scene')} {again}".rstrip()
         if code == "unexplained":
             return sentence("default_method")
-        if report.residual is None or code not in NOT_RIGHT:
+        residual, error = report.residual, self.record.get("transport_error")
+        if residual is None or code not in NOT_RIGHT:
             return ""
-        if better := self.better_transport(self.record, self.record.get("relative_noise")):
+        better = self.better_transport(self.record, self.record.get("relative_noise"))
+        if better and 2 * error**2 > residual.misfit:  # the larger part of it
             return sentence("pass", options=better)
         untried = {"numbers": not known, "paint": not self.monitor_off}
-        remedies = [name for name in report.residual.remedies if untried[name]]
+        remedies = [name for name in residual.remedies if untried[name]]
         return " ".join(map(sentence, remedies or ["look"]))

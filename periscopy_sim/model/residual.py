@@ -124,6 +124,11 @@ class Residual:
         return self.unexplained > max(over_photograph, over_noise * (self.noise_alone or 0.0))
 
     @property
+    def misfit(self) -> float:
+        """Energy that neither an image nor noise explains, over the photograph's."""
+        return (self.unexplained_by_any or 0.0) ** 2 - (self.noise_alone or 0.0) ** 2
+
+    @property
     def is_smooth(self) -> bool:
         """Whether a misfit is smoother than noise, whatever it costs."""
         return (self.excess or 0.0) > EXCESS
@@ -180,9 +185,8 @@ def residual_of(
     found = Residual(light, unexplained, by_any, alone, excess, diagnosis, cost)
     if cost is None or (diagnosis == "fits" and not found.is_smooth):
         return found
-    misfit = by_any**2 - alone**2
     z, w = transport.unexplained(r)[:, lit] / noise[lit], y[:, lit] / noise[lit]
-    energy = float(np.sum(z**2)) * max(misfit, SINGLE_ROUNDING) / by_any**2
+    energy = float(np.sum(z**2)) * max(found.misfit / by_any**2, SINGLE_ROUNDING)
     explained = {} if shared else {"paint": _by_paint(z, w, fit) / energy}
     if (known := motions()) is not None:
         explained["numbers"] = _by_numbers(z, known[:, lit] / noise[lit, None], fit) / energy
