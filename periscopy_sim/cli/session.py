@@ -417,9 +417,9 @@ class PhotoSession(WallSession):
             names = ", ".join(distant_parameters(document))
             again = sentence("measure", names=names) if names else ""
             return f"{sentence('distrusted_scene')} {again}".rstrip()
-        if code == "unexplained":
+        if code == "unexplained" and self.settings.get("method") != DEFAULT:
             return sentence("default_method")
-        residual, error = report.residual, self.record.get("transport_error")
+        residual, error = report.residual, self.record.get("transport_error") or 0.0
         if residual is None or code not in NOT_RIGHT:
             return ""
         better = self.better_transport(self.record, self.record.get("relative_noise"))
