@@ -140,7 +140,7 @@ def _steeper(level: ResolutionLevel, look: Look, curvature: Array, beyond: Candi
 
 
 def _step(level: ResolutionLevel, look: Look, curvature: Array) -> Array:
-    """Return Newton's step, no longer than `FARTHEST`; see `descend`, which doubles it.
+    """Return Newton's step, no longer than `FARTHEST`.
 
     Parameters that alone would cross the border of the physical stay.
     """

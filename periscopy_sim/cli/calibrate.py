@@ -211,8 +211,8 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
-        for line in (*solution.doubts, sentence("look_at_silhouette")) if solution.doubts else ():
-            session.warn(line)
+        for doubt in solution.doubts:
+            session.warn(doubt)
         session.write(json, solution.record())
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     for row in solution.opaque:

@@ -49,10 +49,6 @@ SENTENCES = {
     "rival": "The calibration is trusted, but the image may lie elsewhere ({count} other scenes).",
     "distrusted": "Do not trust this {what}.",
     "silhouette": "The silhouette is trusted: {with_it} % unexplained, {without} % without it.",
-    "look_at_silhouette": (
-        "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
-        "(--shown), move the shape's plane (-D), draw its rectangle closer, or take fewer --cells."
-    ),
     "rivals": (
         "the image may lie a patch aside: {scenes}. calibrate moves it above {least:.0f} % only; "
         "compare the images in {picture}"

@@ -13,11 +13,10 @@ The rest of r, with random phases, is light of the same spectrum that images do 
 moves the estimate of a white image of variance v, that of f̂, by H⁻¹A⊥ᵀr/σ² with
 H = A⊥ᵀA⊥/σ² + 1/v. Noise leaves such an estimate an error of variance tr H⁻¹/N.
 
-Two remedies can be tried on the rest of r itself. Other values of the scene's numbers add the light
-Σ u_k T_k, T_k what a standard error of number k does to A f̂ and u ~ N(0, I). Uneven paint is a
-factor of all light, equal in all channels and finer than shadows. A remedy counts by the fraction
-of the misfit that its best fit explains, beyond what its freedom explains by chance: of numbers,
-what the same T_k explain elsewhere on the wall; of paint, one channel's part of noise.
+Two remedies are tried on the rest of r. Other values of the scene's numbers add Σ u_k T_k, T_k what
+a standard error of number k does to A f̂ and u ~ N(0, I). Paint is a factor of all light, equal in
+all channels and finer than shadows. Each counts by the fraction of the misfit that it explains
+beyond chance: what the T_k explain elsewhere on the wall, and one channel's part of noise.
 """
 
 from collections.abc import Callable, Mapping
@@ -165,7 +164,8 @@ def residual_of(
     light, unexplained = _remainder(r, level, fit)
 
     random = np.random.default_rng(0).standard_normal((len(y), DRAWS))
-    rest = place(transport.unexplained(r))
+    unexplicable = transport.unexplained(r)
+    rest = place(unexplicable)
     white = place(transport.unexplained(random))
     differences = second_differences(rest)
     if np.count_nonzero(np.isfinite(differences[0])) < FEWEST or not np.nanmax(np.abs(differences)):
@@ -185,7 +185,7 @@ def residual_of(
     found = Residual(light, unexplained, by_any, alone, excess, diagnosis, cost)
     if cost is None or (diagnosis == "fits" and not found.is_smooth):
         return found
-    z, w = transport.unexplained(r)[:, lit] / noise[lit], y[:, lit] / noise[lit]
+    z, w = unexplicable[:, lit] / noise[lit], y[:, lit] / noise[lit]
     energy = float(np.sum(z**2)) * max(found.misfit / by_any**2, SINGLE_ROUNDING)
     explained = {} if shared else {"paint": _by_paint(z, w, fit) / energy}
     if (known := motions()) is not None:
@@ -214,12 +214,9 @@ def _by_paint(z: Array, w: Array, fit: Fit) -> float:
     channels = z.shape[1]
     if channels == 1 or np.allclose(z, z[:, :1], rtol=1e-3):  # as many numbers as values
         return 0.0
-    (factor,) = fit.placed(
-        np.sum(w * z, axis=1, keepdims=True) / np.sum(w**2, axis=1, keepdims=True)
-    )
-    used = np.isfinite(factor)
-    blurred = ndimage.gaussian_filter(np.nan_to_num(factor), FINE, mode="nearest")
-    paint = w * (factor - blurred)[used][:, None]
+    (factor,) = fit.placed((np.sum(w * z, axis=1) / np.sum(w**2, axis=1))[:, None])
+    fine = factor - ndimage.gaussian_filter(np.nan_to_num(factor), FINE, mode="nearest")
+    paint = w * fine[np.isfinite(fine)][:, None]
     rest = np.sum((z - paint) ** 2) * channels / (channels - 1)
     return float(np.sum(z**2) - rest)
 
