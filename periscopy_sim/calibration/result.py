@@ -22,7 +22,7 @@ OWN = "name", "trusted"
 """Fields of a `Parameter` that its record leaves to the `Calibration`'s."""
 
 
-class Source(StrEnum):
+class ParameterSource(StrEnum):
     """What a calibrated value rests on, in words for people."""
 
     PHOTOGRAPH = "photograph"
@@ -60,7 +60,7 @@ class Parameter:
     @property
     def determined(self) -> bool:
         """Whether the photograph determines the parameter better than the ruler does."""
-        return self.source is Source.PHOTOGRAPH
+        return self.source is ParameterSource.PHOTOGRAPH
 
     @property
     def distance(self) -> float:
@@ -68,17 +68,17 @@ class Parameter:
         return abs(self.value - self.start) / self.ruler_error
 
     @property
-    def source(self) -> Source:
+    def source(self) -> ParameterSource:
         """What the value rests on."""
         if not self.trusted:
-            return Source.NOTHING
+            return ParameterSource.NOTHING
         for error, source in (
-            (self.standard_error, Source.PHOTOGRAPH),
-            (self.statistical_error, Source.PHOTOGRAPH_ALONE),
+            (self.standard_error, ParameterSource.PHOTOGRAPH),
+            (self.statistical_error, ParameterSource.PHOTOGRAPH_ALONE),
         ):
             if error**2 < LEARNED * self.ruler_error**2:
                 return source
-        return Source.RULER
+        return ParameterSource.RULER
 
     def record(self) -> dict[str, float | bool | str]:
         """Return the numbers as a JSON file has them."""

@@ -230,14 +230,14 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
 def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None:
     """Print the parameters with their units, the gain and the colours, and whether to trust."""
     from periscopy_sim.calibration.prior import FARTHEST
-    from periscopy_sim.calibration.result import Source
+    from periscopy_sim.calibration.result import ParameterSource
     from periscopy_sim.model.residual import percentages, with_error
 
     rows = []
     for p in result.parameters:
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
         source: str = p.source
-        if p.source is Source.PHOTOGRAPH_ALONE:
+        if p.source is ParameterSource.PHOTOGRAPH_ALONE:
             alone = with_error(p.value, p.statistical_error).partition(" ")[2]
             source += f" ({alone} then)"
         rows.append([p.name, value, with_error(p.start, p.ruler_error), source])

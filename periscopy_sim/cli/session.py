@@ -23,7 +23,6 @@ from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
-from periscopy_sim.reconstruction.method import NOT_RIGHT
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
@@ -405,7 +404,7 @@ class PhotoSession(WallSession):
         for note in report.warnings:
             if note.code != report.verdict.code:
                 self.warn(f"{name}: {sentence(note.code, **note.values)}")
-        if remedy or report.verdict.code in NOT_RIGHT:
+        if remedy or report.is_doubted:
             self.warnings.append(f"{name}: {line}")
         return line, colour(report, remedy)
 
@@ -420,7 +419,7 @@ class PhotoSession(WallSession):
         if code == "unexplained" and self.settings.get("method") != DEFAULT:
             return sentence("default_method")
         residual, error = report.residual, self.record.get("transport_error") or 0.0
-        if residual is None or code not in NOT_RIGHT:
+        if residual is None or not report.is_doubted:
             return ""
         better = self.better_transport(self.record, self.record.get("relative_noise"))
         if better and 2 * error**2 > residual.misfit:  # the larger part of it

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.calibration.result import Source
+from periscopy_sim.calibration.result import ParameterSource
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import COLUMN, LINE, OKABE_ITO, drawn, wrapped
 from periscopy_sim.model.residual import percentages, with_error
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 WARNING = "#cb181d"
 
 _COLOURS = {
-    Source.PHOTOGRAPH: OKABE_ITO[1],
-    Source.PHOTOGRAPH_ALONE: OKABE_ITO[4],
-    Source.RULER: "0.55",
-    Source.NOTHING: "0.55",
+    ParameterSource.PHOTOGRAPH: OKABE_ITO[1],
+    ParameterSource.PHOTOGRAPH_ALONE: OKABE_ITO[4],
+    ParameterSource.RULER: "0.55",
+    ParameterSource.NOTHING: "0.55",
 }
 
 

@@ -57,6 +57,11 @@ class Report:
         names = "unexplained", "unexplained_by_any", "noise_alone"
         return Note(code, {name: 100 * (getattr(residual, name) or 0.0) for name in names})
 
+    @property
+    def is_doubted(self) -> bool:
+        """Whether the verdict is a warning."""
+        return self.verdict.code in ("does_not_fit", "nearly_fits", "unexplained")
+
 
 class Method(Protocol):
     """Anything that turns a photograph into a hidden image: the package's methods, a user's own."""
@@ -99,9 +104,6 @@ class Solution(Generic[Precision]):
 
 BATCH = 64
 """Photographs that a matrix is applied to in one product: 6 MB each at 500 x 500 pixels."""
-
-NOT_RIGHT = "does_not_fit", "nearly_fits", "unexplained"
-"""Verdicts that are warnings."""
 
 SIGNIFICANT = 3.0
 """Standard errors by which a hidden image's light exceeds what noise alone would make of one."""
@@ -340,7 +342,7 @@ class StillMethod(ABC, Generic[Precision]):
                 residual = replace(residual, diagnosis="unknown")
             numbers = {**numbers, **residual.numbers()}
         report = Report(numbers=numbers, residual=residual)
-        warnings += [report.verdict] * (report.verdict.code in NOT_RIGHT)
+        warnings += [report.verdict] * report.is_doubted
         return replace(report, warnings=warnings)
 
     @of_all

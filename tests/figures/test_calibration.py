@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from periscopy_sim.calibration.result import Calibration, Parameter, Rival, Source
+from periscopy_sim.calibration.result import Calibration, Parameter, ParameterSource, Rival
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.cli.calibrate import show_calibration
@@ -25,8 +25,8 @@ PHOTOGRAPH = Photograph.of(np.full((32, 36, 3), 0.5))
 def draw(tmp_path: Path, saved: list[Figure]) -> Draw:
     def figure(shown: Calibration) -> Figure:
         path = tmp_path / "calibration.png"
-        draw_calibration(path, PHOTOGRAPH, shown, {"dx": "m"}, {"Source": "s"})
-        assert read(path)[0]["Source"] == "s"
+        draw_calibration(path, PHOTOGRAPH, shown, {"dx": "m"}, {"ParameterSource": "s"})
+        assert read(path)[0]["ParameterSource"] == "s"
         return saved[-1]
 
     return figure
@@ -75,7 +75,7 @@ def test_a_parameter_has_one_source_in_the_table_and_in_the_figure(
         Parameter("dy", 0.0, 0.1, 0.01, 0.05, 0.05),
         Parameter("dz", 0.0, 0.1, 0.05, 0.05, 0.05),
     )
-    sources = [Source.PHOTOGRAPH, Source.PHOTOGRAPH_ALONE, Source.RULER]
+    sources = [ParameterSource.PHOTOGRAPH, ParameterSource.PHOTOGRAPH_ALONE, ParameterSource.RULER]
     path = (np.zeros((1, 4)),)
     shown = replace(calibration(), parameters=measured, path=path, correlation=np.eye(3))
     assert [parameter.source for parameter in measured] == sources
@@ -91,7 +91,7 @@ def test_a_parameter_has_one_source_in_the_table_and_in_the_figure(
         ((line, colour),) = outcome().verdicts
     assert line.endswith("Measure dx again.") and colour == "red"
     doubted = replace(measured[0], trusted=False)
-    assert doubted.source is Source.NOTHING and not doubted.determined
+    assert doubted.source is ParameterSource.NOTHING and not doubted.determined
 
 
 def test_a_silhouette_s_figure_shows_the_image_of_each_surface(
