@@ -87,7 +87,7 @@ def reconstruct(
         known = names and session.scenario.hidden.images(session.hidden_image(names))
         counts = counts_errors and uncertain != "none"
         for camera, view in views.items():
-            moved = _uncertain_light(view, errors) if counts else None
+            moved = uncertain_light(view, errors) if counts else None
             matrix_file = next(reversed(matrices[camera]), None)  # the last counts
             fit = method, settings, light, matrix_file, walls[camera], moved
             methods[camera] = view.fit(*fit)
@@ -162,7 +162,7 @@ def _of_views(
     return {"photograph_shape": shapes, "views": own}
 
 
-def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
+def uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
 

@@ -11,7 +11,7 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
-from periscopy_sim.cli.reconstruct import draw_residual
+from periscopy_sim.cli.reconstruct import draw_residual, uncertain_light
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import animation
 from periscopy_sim.hidden import named
@@ -63,7 +63,8 @@ def video(
             path = Path(text) if Path(text).is_dir() else ps.find_image(text)
             size = session.scenario.hidden[surface].shape
             known[surface] = np.stack([*sequences.read_hidden_frames(path, size, len(names))])
-        still = session.fit(method, for_still, light, matrix, wall)
+        moved = uncertain_light(session, {}) if entry.uncertain else None
+        still = session.fit(method, for_still, light, matrix, wall, moved)
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
