@@ -27,7 +27,7 @@ class UncertainParameters:
 
 
 FARTHEST = 3.0
-"""Standard deviations within which a ruler errs, all but 3 of 1000 times."""
+"""Standard deviations within which a ruler errs (all but 3 in 1000); a search's longest step."""
 
 TRIES = 100
 """Draws of a number that a scene may reject before the error is raised."""
@@ -128,7 +128,7 @@ def ruled_values(document: SceneDocument, names: Sequence[str]) -> Array:
 
 
 def distant_parameters(document: SceneDocument) -> list[str]:
-    """Return the calibrated numbers of a scene that are `FARTHEST` or more from their measure."""
+    """Return a scene's calibrated numbers that are more than `FARTHEST` from the measured ones."""
     known, errors = scene_covariance(document), declared_errors(document)
     columns = () if known is None else zip(known.names, known.values, known.ruled, strict=True)
     return [n for n, end, start in columns if abs(end - start) > FARTHEST * errors.get(n, np.inf)]

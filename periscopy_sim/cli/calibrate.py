@@ -11,7 +11,7 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli import output
-from periscopy_sim.cli.messages import sentence
+from periscopy_sim.cli.messages import distrusted, sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
@@ -264,9 +264,8 @@ def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None
         if result.assumes_colours and result.trusted:
             output.say(sentence("assumed_colours"))
     if not result.trusted:
-        distant = ", ".join(p.name for p in result.parameters if p.distance > FARTHEST)
-        again = sentence("measure", names=distant) if distant else ""
-        output.conclude(f"{sentence('distrusted', what='calibration')} {again}".rstrip(), "red")
+        distant = [p.name for p in result.parameters if p.distance > FARTHEST]
+        output.conclude(distrusted("distrusted", distant, what="calibration"), "red")
     elif result.rivals:
         output.conclude(sentence("rival", count=len(result.rivals)), "yellow")
     elif not result.moved:

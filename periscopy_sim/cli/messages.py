@@ -1,6 +1,6 @@
 """The sentences for people: notes and warnings arrive as codes with values."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -107,10 +107,17 @@ def report_sentences(report: "Report") -> list[str]:
     return [sentence(note.code, **note.values) for note in notes]
 
 
-def colour(report: "Report", remedy: str = "") -> str:
-    """Return the colour of a verdict: green where the scene fits, yellow if in doubt."""
-    colours = {"fits": "yellow" if remedy else "green", "does_not_fit": "red", "unexplained": "red"}
-    return colours.get(report.verdict.code, "yellow")
+def colour(report: "Report") -> str:
+    """Return the colour of a report's verdict: green where the scene fits, yellow if in doubt."""
+    return {"fits": "green", "does_not_fit": "red", "unexplained": "red"}.get(
+        report.verdict.code, "yellow"
+    )
+
+
+def distrusted(code: str, names: Sequence[str], **values: str) -> str:
+    """Return the sentence that a result is not trusted, and which numbers to measure again."""
+    again = sentence("measure", names=", ".join(names)) if names else ""
+    return f"{sentence(code, **values)} {again}".rstrip()
 
 
 def verdict(report: "Report", remedy: str = "") -> str:

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import distant_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
-from periscopy_sim.cli import options
+from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import SAMPLES, Light, check_memory
-from periscopy_sim.cli.messages import colour, sentence, verdict
+from periscopy_sim.cli.messages import colour, sentence
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask
@@ -399,24 +399,22 @@ class PhotoSession(WallSession):
 
         A calibration that the scene carries and that is not trusted is a part of the verdict.
         """
-        remedy = self._remedy(report)
-        line = verdict(report, remedy)
+        known = scene_covariance(self.scenario.document)
+        remedy, shade = self._remedy(report, is_calibrated=known is not None), colour(report)
+        if known and not known.trusted:
+            names = distant_parameters(self.scenario.document)
+            remedy, shade = messages.distrusted("distrusted_scene", names), "red"
+        line = messages.verdict(report, remedy)
         for note in report.warnings:
             if note.code != report.verdict.code:
                 self.warn(f"{name}: {sentence(note.code, **note.values)}")
-        if remedy or report.is_doubted:
+        if shade == "red" or report.is_doubted:
             self.warnings.append(f"{name}: {line}")
-        return line, colour(report, remedy)
+        return line, shade
 
-    def _remedy(self, report: "Report") -> str:
-        """Return the remedies that lower the residual of this photograph, and what else to do."""
-        document, code = self.scenario.document, report.verdict.code
-        known = scene_covariance(document)
-        if known and not known.trusted:
-            names = ", ".join(distant_parameters(document))
-            again = sentence("measure", names=names) if names else ""
-            return f"{sentence('distrusted_scene')} {again}".rstrip()
-        if code == "unexplained" and self.settings.get("method") != DEFAULT:
+    def _remedy(self, report: "Report", is_calibrated: bool) -> str:
+        """Return the remedies that lower the residual of this photograph, or where to look."""
+        if report.verdict.code == "unexplained" and self.settings.get("method") != DEFAULT:
             return sentence("default_method")
         residual, error = report.residual, self.record.get("transport_error") or 0.0
         if residual is None or not report.is_doubted:
@@ -424,6 +422,6 @@ class PhotoSession(WallSession):
         better = self.better_transport(self.record, self.record.get("relative_noise"))
         if better and 2 * error**2 > residual.misfit:  # the larger part of it
             return sentence("pass", options=better)
-        untried = {"numbers": not known, "paint": not self.monitor_off}
+        untried = {"numbers": not is_calibrated, "paint": not self.monitor_off}
         remedies = [name for name in residual.remedies if untried[name]]
         return " ".join(map(sentence, remedies or ["look"]))

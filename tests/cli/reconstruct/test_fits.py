@@ -49,7 +49,7 @@ def test_a_doubted_calibration_is_a_part_of_the_only_verdict(tmp_path, errors_of
     session = PhotoSession(str(tmp_path / "calibrated.xml"), ["3x4"])
     residual = Residual(np.zeros((2, 2, 1)), 0.001, 0.001, 0.001, 1.0, "fits", 0.0)
     line, colour = session.judge("y", Report(residual=residual))
-    assert line.startswith("The scene fits") and "not trusted" in line and colour == "yellow"
+    assert line.startswith("The scene fits") and "not trusted" in line and colour == "red"
     assert [name for name in session.scenario.document.defaults if name in line] == names
     assert session.warnings == [f"y: {line}"] and "warning" not in capfd.readouterr().err
 
