@@ -69,6 +69,9 @@ CHANCE = 6.0
 """Standard deviations of white noise's cost below which a misfit that is not smooth is chance: with
 4, one right scene in 40 (20 patches, uneven noise) does not fit."""
 
+ROUNDED = 10 * SINGLE_ROUNDING
+"""Unexplained light over the photograph's that counts as rounding."""
+
 HELPS = {"numbers": 0.05, "paint": 0.5}
 """Least fraction of a misfit that a remedy explains if it helps (64 x 64 pixels, noise 0.13 %). One
 linear step for a box 5, 10 and 20 mm off explains 0.18, 0.15 and 0, for a wrong monitor or paint 0;
@@ -129,8 +132,8 @@ class Residual:
 
     @property
     def is_smooth(self) -> bool:
-        """Whether a misfit is smoother than noise, whatever it costs."""
-        return (self.excess or 0.0) > EXCESS
+        """Whether a misfit is smoother than noise, whatever it costs, and no rounding."""
+        return (self.excess or 0.0) > EXCESS and (self.unexplained_by_any or 0.0) > ROUNDED
 
     @property
     def remedies(self) -> list[str]:
@@ -181,7 +184,7 @@ def residual_of(
     sigma = float(np.sqrt(np.mean(noise**2))) if shared else alone * level
     cost = _cost(rest, white, transport, transport.project_out(signal), sigma, excess)
     is_noise = shared and excess <= EXCESS if cost is None else cost <= COSTLY
-    diagnosis: Diagnosis = "fits" if by_any <= 10 * SINGLE_ROUNDING or is_noise else "does_not_fit"
+    diagnosis: Diagnosis = "fits" if by_any <= ROUNDED or is_noise else "does_not_fit"
     found = Residual(light, unexplained, by_any, alone, excess, diagnosis, cost)
     if cost is None or (diagnosis == "fits" and not found.is_smooth):
         return found

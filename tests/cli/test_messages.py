@@ -11,6 +11,7 @@ from periscopy_sim.reconstruction.method import Report
     [
         ("fits", 0.0071, 0.007, 1.0, "fits"),
         ("fits", 0.0081, 0.007, 9.0, "nearly_fits"),
+        ("fits", 1e-7, 1e-8, 9.0, "fits"),
         ("does_not_fit", 0.0081, 0.007, 1.0, "does_not_fit"),
         ("does_not_fit", 0.2, 0.007, 9.0, "does_not_fit"),
         ("unknown", 0.0081, 0.007, 9.0, "not_judged"),
