@@ -150,11 +150,14 @@ def _calibrated(
     joint = whole.look(whole.candidate(point), κ)
     statistical, total, correlation, moves = standard_errors(problem, joint)
     colours = colour_matrix(problem, end, joint) if problem.pictures else (None, None)
+    known = determined_count(joint, len(names))
+    if not moved:  # what the photograph says is of the discarded end
+        statistical = total = problem.errors
+        correlation, moves, κ, known = np.eye(len(names)), 0 * moves, 1.0, np.inf
     distances = (values - problem.centers) / problem.errors
-    start, found = (level.plainly(each.point) for each in (measured, end))
-    kept = found if moved else start
-    misfit = misfits(found, problem.camera_noise(fine.scene.pixels.size))
-    reasons = doubts(names, distances, determined_count(joint, len(names)), misfit)
+    start, kept = (level.plainly(each.point) for each in (measured, best))
+    misfit = misfits(kept, problem.camera_noise(fine.scene.pixels.size))
+    reasons = doubts(names, distances, known, misfit)
     columns = problem.centers, values, statistical, total, problem.errors
     scale = float(np.sqrt(np.mean(np.concatenate([g.light.ravel() for g in fine.groups]) ** 2)))
     before, after = (

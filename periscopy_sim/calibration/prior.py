@@ -26,6 +26,9 @@ class UncertainParameters:
     standard_errors: Array
 
 
+FARTHEST = 3.0
+"""Standard deviations within which a ruler errs (all but 3 in 1000); a search's longest step."""
+
 TRIES = 100
 """Draws of a number that a scene may reject before the error is raised."""
 
@@ -122,6 +125,13 @@ def ruled_values(document: SceneDocument, names: Sequence[str]) -> Array:
     changed = {*document.given, *known.changed(document)}
     pairs = zip(names, values, strict=True)
     return np.array([v if name in changed else ruled.get(name, v) for name, v in pairs])
+
+
+def distant_parameters(document: SceneDocument) -> list[str]:
+    """Return a scene's calibrated numbers that are more than `FARTHEST` from the measured ones."""
+    known, errors = scene_covariance(document), declared_errors(document)
+    columns = () if known is None else zip(known.names, known.values, known.ruled, strict=True)
+    return [n for n, end, start in columns if abs(end - start) > FARTHEST * errors.get(n, np.inf)]
 
 
 def declared_errors(document: SceneDocument) -> dict[str, float]:

@@ -22,12 +22,12 @@ OWN = "name", "trusted"
 """Fields of a `Parameter` that its record leaves to the `Calibration`'s."""
 
 
-class DeterminedBy(StrEnum):
+class ParameterSource(StrEnum):
     """What a calibrated value rests on, in words for people."""
 
-    PHOTOGRAPH = "by the photograph"
-    PHOTOGRAPH_ALONE = "by the photograph if the fixed numbers are right"
-    RULER = "by the ruler"
+    PHOTOGRAPH = "photograph"
+    PHOTOGRAPH_ALONE = "photograph if the fixed numbers are right"
+    RULER = "ruler"
     NOTHING = "not trusted"
 
 
@@ -60,25 +60,30 @@ class Parameter:
     @property
     def determined(self) -> bool:
         """Whether the photograph determines the parameter better than the ruler does."""
-        return self.determined_by is DeterminedBy.PHOTOGRAPH
+        return self.source is ParameterSource.PHOTOGRAPH
 
     @property
-    def determined_by(self) -> DeterminedBy:
+    def distance(self) -> float:
+        """Standard deviations of the measured value from it to the calibrated one."""
+        return abs(self.value - self.start) / self.ruler_error
+
+    @property
+    def source(self) -> ParameterSource:
         """What the value rests on."""
         if not self.trusted:
-            return DeterminedBy.NOTHING
+            return ParameterSource.NOTHING
         for error, source in (
-            (self.standard_error, DeterminedBy.PHOTOGRAPH),
-            (self.statistical_error, DeterminedBy.PHOTOGRAPH_ALONE),
+            (self.standard_error, ParameterSource.PHOTOGRAPH),
+            (self.statistical_error, ParameterSource.PHOTOGRAPH_ALONE),
         ):
             if error**2 < LEARNED * self.ruler_error**2:
                 return source
-        return DeterminedBy.RULER
+        return ParameterSource.RULER
 
-    def record(self) -> dict[str, float | bool]:
+    def record(self) -> dict[str, float | bool | str]:
         """Return the numbers as a JSON file has them."""
         numbers = {name: value for name, value in asdict(self).items() if name not in OWN}
-        return {**numbers, "determined": self.determined}
+        return {**numbers, "determined": self.determined, "source": self.source}
 
 
 @dataclass(frozen=True)
@@ -116,9 +121,10 @@ class Calibration:
     overdispersion
         Temperature of the search's end: the photographs count for so many times less than white
         noise allows, because else they move parameters farther than chance errs in measured values.
+        1 if the measured values are kept.
     moved
-        Whether the values explain the photographs better than the start's, which they else are, by
-        more than chance.
+        Whether the values explain the photographs better than the start's by more than chance. Else
+        they are the start's, and their errors the ruler's.
     colour_matrix, colour_errors
         (3, 3) M, y_c = Σ_k M_ck A f_k, where a picture was known: from the monitor's primaries to
         the camera's channels, its rows' mean sum 1; and its standard errors.

@@ -22,8 +22,9 @@ import numpy as np
 from scipy.special import expit
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
+from periscopy_sim.calibration.prior import FARTHEST
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
-from periscopy_sim.calibration.trust import FARTHEST, is_significant
+from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Array
 

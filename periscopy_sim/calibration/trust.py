@@ -6,6 +6,7 @@ import numpy as np
 from scipy import linalg, special
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
+from periscopy_sim.calibration.prior import FARTHEST
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.resolution_level import Candidate, Look
 from periscopy_sim.calibration.result import LEARNED
@@ -13,10 +14,6 @@ from periscopy_sim.numerics import Array
 
 MARGIN = 1.3
 """Ratio of standard errors to those of the linear theory: the evidence's valleys are curved."""
-
-FARTHEST = 3.0
-"""Standard deviations within which a ruler errs, all but 3 of 1000 times; and the longest step of a
-search, before it is doubled."""
 
 MISFIT = 0.4
 """Largest `misfits` of a photograph that is believed: simulated photographs beside near lamps left
@@ -137,7 +134,6 @@ def doubts(names: Sequence[str], distances: Array, known: float, misfit: Array) 
         if fraction > MISFIT:
             reasons.append(
                 f"{which}: {100 * fraction:.0f} % of the light that no far lamp explains stays "
-                "unexplained: another laboratory, another picture than the shown one, a near lamp, "
-                "a poster on the wall, or something that the scene lacks"
+                "unexplained: the scene lacks something that the photograph shows"
             )
     return tuple(reasons)

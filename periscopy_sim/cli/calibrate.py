@@ -1,6 +1,6 @@
 """`periscopy calibrate`: the parameters of a scene, or an occluder's form, from photographs."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,7 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli import output
-from periscopy_sim.cli.messages import sentence
+from periscopy_sim.cli.messages import distrusted, sentence
 from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
@@ -69,11 +69,6 @@ class CalibrationSession(PhotoSession):
             "seed": self.seed,
         }
 
-    def doubt(self, *reasons: str, advice: str) -> None:
-        """Warn of reasons not to trust a result, if there are any, and advise."""
-        for reason in (*reasons, sentence(advice)) if reasons else ():
-            self.warn(reason)
-
     def write(self, file: Path, record: dict[str, Any]) -> None:
         """Write a result's record, and where it is from, as JSON."""
         origin = {
@@ -111,10 +106,6 @@ def calibrate(
         find_silhouette(session, out, silhouette, cells)
 
 
-NEGLIGIBLE = 0.1
-"""Of how far an error of a fixed number moves the free ones, over the errors of their rulers."""
-
-
 def find_parameters(
     session: CalibrationSession, out: Path, free: str | None, uncertain: list[str]
 ) -> None:
@@ -142,8 +133,8 @@ def find_parameters(
             result = calibrate(free=freed, uncertain=errors, progress=report, **files)
         remark = _distrust("periscopy calibrate", result.doubts)
         _write_copy(session, scene, _written(result, result.values), out, remark)
-        reasons = fixed_numbers(result, document.units) if result.doubts else ()
-        session.doubt(*result.doubts, *reasons, advice="look_at_numbers")
+        for doubt in result.doubts:
+            session.warn(doubt)
         session.write(json, result.record() | colours)
         draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
         beside = asides[: len(result.rivals)]
@@ -183,22 +174,6 @@ def say_rivals(
     output.say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
 
 
-def fixed_numbers(result: "ps.Calibration", units: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence on the fixed numbers whose errors move the result most."""
-    from periscopy_sim.model.residual import with_error
-
-    fixed, free = result.uncertain, np.array([p.ruler_error for p in result.parameters])
-    effects = np.sqrt(np.sum((result.moves / free[:, None]) ** 2, axis=0))
-    most = [k for k in np.argsort(-effects)[:3] if effects[k] > NEGLIGIBLE]
-    if most:
-        values, errors = fixed.values, fixed.standard_errors
-        numbers = (
-            f"{fixed.names[k]} {with_error(values[k], errors[k], units.get(fixed.names[k], ''))}"
-            for k in most
-        )
-        yield f"fixed numbers may be wrong, above all {', '.join(numbers)}: free these"
-
-
 def _distrust(result: str, doubts: Sequence[str]) -> str:
     """Return the remark in a scene whose result is not trusted; empty if it is."""
     return f"{result}: not trusted: {'; '.join(doubts)}" if doubts else ""
@@ -236,7 +211,8 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
-        session.doubt(*solution.doubts, advice="look_at_silhouette")
+        for doubt in solution.doubts:
+            session.warn(doubt)
         session.write(json, solution.record())
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     for row in solution.opaque:
@@ -253,25 +229,26 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
 
 def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None:
     """Print the parameters with their units, the gain and the colours, and whether to trust."""
-    from periscopy_sim.calibration.result import DeterminedBy
+    from periscopy_sim.calibration.prior import FARTHEST
+    from periscopy_sim.calibration.result import ParameterSource
     from periscopy_sim.model.residual import percentages, with_error
 
     rows = []
     for p in result.parameters:
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
-        source: str = p.determined_by
-        if p.determined_by is DeterminedBy.PHOTOGRAPH_ALONE:
+        source: str = p.source
+        if p.source is ParameterSource.PHOTOGRAPH_ALONE:
             alone = with_error(p.value, p.statistical_error).partition(" ")[2]
             source += f" ({alone} then)"
         rows.append([p.name, value, with_error(p.start, p.ruler_error), source])
-    output.show_table(rows, ["parameter", "calibrated", "measured", "determined"])
+    output.show_table(rows, ["parameter", "calibrated", "measured", "source"])
     before, after = percentages(*result.unexplained)
     rows = [
         ["unexplained", f"{after} %", f"{before} % with the measured values"],
         ["gain over the wall", f"{result.gain.min():.2f} to {result.gain.max():.2f}", ""],
     ]
     if result.overdispersion > 1:
-        reason = "because the scene does not explain it fully"
+        reason = "with more, the numbers end farther than rulers err"
         rows.append(["photograph's weight", f"1/{result.overdispersion:g}", reason])
     if fixed := result.uncertain.names:
         names = f"all {len(fixed)}" if len(fixed) > 3 else ", ".join(fixed)
@@ -287,7 +264,8 @@ def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None
         if result.assumes_colours and result.trusted:
             output.say(sentence("assumed_colours"))
     if not result.trusted:
-        output.conclude(sentence("distrusted", what="calibration"), "red")
+        distant = [p.name for p in result.parameters if p.distance > FARTHEST]
+        output.conclude(distrusted("distrusted", distant, what="calibration"), "red")
     elif result.rivals:
         output.conclude(sentence("rival", count=len(result.rivals)), "yellow")
     elif not result.moved:

@@ -1,6 +1,6 @@
 """The sentences for people: notes and warnings arrive as codes with values."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ SENTENCES = {
         "known to {percent:.2g} %, and so is the brightness of what it alone shows"
     ),
     "fits": "The scene fits: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise.",
+    "nearly_fits": (
+        "The scene nearly fits: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise."
+    ),
     "does_not_fit": (
         "The scene does not fit: {unexplained_by_any:.3g} % unexplained, {noise_alone:.3g} % noise."
     ),
@@ -33,30 +36,19 @@ SENTENCES = {
         "This method judges no scene: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise."
     ),
     "no_residual": "This method judges no scene: it does not use A.",
-    "calibrate": "Run calibrate.",
+    "numbers": "Run calibrate.",
     "look": "Look at residual.png.",
     "pass": "Pass {options}.",
-    "measure": "Measure it again.",
-    "declare": "Declare the errors of its numbers (<default>s), and run calibrate.",
-    "fine": (
-        "The rest differs by pixels: grain (photograph --samples) or uneven paint (--monitor-off)."
-    ),
+    "paint": "Pass --monitor-off.",
+    "measure": "Measure {names} again.",
+    "distrusted_scene": "Its calibration is not trusted.",
     "default_method": "Try the default method.",
     "defects": "{name}: excluded pixels that do not measure the wall ({defects})",
     "trusted": "The calibration is trusted: {after} % unexplained, {before} % before.",
     "kept": "No significant improvement; the measured values are kept.",
     "rival": "The calibration is trusted, but the image may lie elsewhere ({count} other scenes).",
     "distrusted": "Do not trust this {what}.",
-    "look_at_numbers": (
-        "Look at the picture. Measure again what is named above, free fewer parameters (--free), "
-        "leave out what is not bare wall (--mask), or add a photograph with the monitor off "
-        "(--monitor-off)."
-    ),
     "silhouette": "The silhouette is trusted: {with_it} % unexplained, {without} % without it.",
-    "look_at_silhouette": (
-        "Look at the picture: a silhouette that looks like nothing is nothing. Show known pictures "
-        "(--shown), move the shape's plane (-D), draw its rectangle closer, or take fewer --cells."
-    ),
     "rivals": (
         "the image may lie a patch aside: {scenes}. calibrate moves it above {least:.0f} % only; "
         "compare the images in {picture}"
@@ -104,7 +96,6 @@ SENTENCES = {
         "{scene}: {names} changed since the calibration, so its errors do not count; pass "
         "--uncertain"
     ),
-    "untrusted": "{scene}: its calibration is unreliable, and so are the image and its errors",
     "no_best": "no point is best: no scene determines all patches; choose fewer (--hidden)",
     "empty_splits": "no geometry is for {splits}: make more samples, or lower samples_per_geometry",
 }
@@ -129,6 +120,12 @@ def colour(report: "Report") -> str:
     return {"fits": "green", "does_not_fit": "red", "unexplained": "red"}.get(
         report.verdict.code, "yellow"
     )
+
+
+def distrusted(code: str, names: Sequence[str], **values: str) -> str:
+    """Return the sentence that a result is not trusted, and which numbers to measure again."""
+    again = sentence("measure", names=", ".join(names)) if names else ""
+    return f"{sentence(code, **values)} {again}".rstrip()
 
 
 def verdict(report: "Report", remedy: str = "") -> str:

@@ -87,7 +87,7 @@ def reconstruct(
         known = names and session.scenario.hidden.images(session.hidden_image(names))
         counts = counts_errors and uncertain != "none"
         for camera, view in views.items():
-            moved = _uncertain_light(view, errors) if counts else None
+            moved = uncertain_light(view, errors) if counts else None
             matrix_file = next(reversed(matrices[camera]), None)  # the last counts
             fit = method, settings, light, matrix_file, walls[camera], moved
             methods[camera] = view.fit(*fit)
@@ -140,20 +140,19 @@ def reconstruct(
     rows = [["method", method], ["time", f"{sum(session.seconds.values()):.1f} s"]]
     rows += messages.comparison(compared) if compared else []
     output.show_table(rows, ["", *compared] if len(compared) > 1 else ())
-    for camera, verdict in verdicts.items():
-        line = f"{camera}: {verdict}" if several else verdict
-        output.conclude(line, messages.colour(reports[camera]))
+    for camera, (verdict, colour) in verdicts.items():
+        output.conclude(f"{camera}: {verdict}" if several else verdict, colour)
 
 
 def _of_views(
     views: Mapping[str, PhotoSession],
     photos: Sequence[Path],
-    verdicts: Mapping[str, str],
+    verdicts: Mapping[str, tuple[str, str]],
     reports: "Mapping[str, Report]",
 ) -> dict[str, Any]:
     """Return the entries of a summary on the views; of several by camera."""
     own: dict[str, dict[str, Any]] = {
-        camera: {**view.record, "photograph": str(file), "verdict": verdicts[camera]}
+        camera: {**view.record, "photograph": str(file), "verdict": verdicts[camera][0]}
         for (camera, view), file in zip(views.items(), photos, strict=True)
     }
     if len(views) == 1:
@@ -165,14 +164,12 @@ def _of_views(
     return {"photograph_shape": shapes, "views": own}
 
 
-def _uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
+def uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
     from periscopy_sim.analytic.area_transport import has_areas
 
     scenario, scene = session.scenario, session.scene
     known = None if given else scene_covariance(scenario.document)
-    if known and not known.trusted:
-        session.warn(messages.sentence("untrusted", scene=scene))
     if known and (changed := ", ".join(known.changed(scenario.document))):
         session.warn(messages.sentence("uncounted", scene=scene, names=changed))
         return None

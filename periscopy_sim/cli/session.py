@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.prior import declared_errors
+from periscopy_sim.calibration.prior import distant_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
-from periscopy_sim.cli import options
+from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import SAMPLES, Light, check_memory
-from periscopy_sim.cli.messages import sentence, verdict
+from periscopy_sim.cli.messages import colour, sentence
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask
@@ -425,31 +425,34 @@ class PhotoSession(WallSession):
             view.settings = self.settings
         return views
 
-    def judge(self, name: str, report: "Report") -> str:
-        """Return the verdict of a report, one line with a remedy; print the other warnings."""
-        line = verdict(report, self._remedy(report))
+    def judge(self, name: str, report: "Report") -> tuple[str, str]:
+        """Return a report's verdict, one line with a remedy, and its colour; print other warnings.
+
+        A calibration that the scene carries and that is not trusted is a part of the verdict.
+        """
+        known = scene_covariance(self.scenario.document)
+        remedy, shade = self._remedy(report, is_calibrated=known is not None), colour(report)
+        if known and not known.trusted:
+            names = distant_parameters(self.scenario.document)
+            remedy, shade = messages.distrusted("distrusted_scene", names), "red"
+        line = messages.verdict(report, remedy)
         for note in report.warnings:
-            if note.code == report.verdict.code:
-                self.warnings.append(f"{name}: {line}")
-            else:
+            if note.code != report.verdict.code:
                 self.warn(f"{name}: {sentence(note.code, **note.values)}")
-        return line
+        if shade == "red" or report.is_doubted:
+            self.warnings.append(f"{name}: {line}")
+        return line, shade
 
-    def _remedy(self, report: "Report") -> str:
-        """Return the sentence of the likeliest remedy; empty where the scene fits."""
-        from periscopy_sim.analytic.area_transport import has_areas
-        from periscopy_sim.model.residual import EXCESS
-
-        if report.verdict.code == "unexplained":
+    def _remedy(self, report: "Report", is_calibrated: bool) -> str:
+        """Return the remedies that lower the residual of this photograph, or where to look."""
+        if report.verdict.code == "unexplained" and self.settings.get("method") != DEFAULT:
             return sentence("default_method")
-        if report.residual is None or report.verdict.code != "does_not_fit":
+        residual, error = report.residual, self.record.get("transport_error") or 0.0
+        if residual is None or not report.is_doubted:
             return ""
-        if better := self.better_transport(self.record, self.record.get("relative_noise")):
+        better = self.better_transport(self.record, self.record.get("relative_noise"))
+        if better and 2 * error**2 > residual.misfit:  # the larger part of it
             return sentence("pass", options=better)
-        if (report.residual.excess or EXCESS) < EXCESS:
-            return sentence("fine")
-        if not has_areas(self.scenario):
-            return sentence("measure")
-        if scene_covariance(self.scenario.document) is not None:
-            return sentence("look")
-        return sentence("calibrate" if declared_errors(self.scenario.document) else "declare")
+        untried = {"numbers": not is_calibrated, "paint": not self.monitor_off}
+        remedies = [name for name in residual.remedies if untried[name]]
+        return " ".join(map(sentence, remedies or ["look"]))

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 import numpy as np
 
 import periscopy_sim as ps
-from periscopy_sim.cli import messages, options
+from periscopy_sim.cli import options
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
-from periscopy_sim.cli.reconstruct import draw_residual
+from periscopy_sim.cli.reconstruct import draw_residual, uncertain_light
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import animation
 from periscopy_sim.hidden import named
@@ -63,12 +63,13 @@ def video(
             path = Path(text) if Path(text).is_dir() else ps.find_image(text)
             size = session.scenario.hidden[surface].shape
             known[surface] = np.stack([*sequences.read_hidden_frames(path, size, len(names))])
-        still = session.fit(method, for_still, light, matrix, wall)
+        moved = uncertain_light(session, {}) if entry.uncertain else None
+        still = session.fit(method, for_still, light, matrix, wall, moved)
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
             report = still.report(wall, first)
-            verdict = session.judge(f"{frames}, first frame", report)
+            verdict, colour = session.judge(f"{frames}, first frame", report)
         flat = np.concatenate([f.reshape(len(f), -1, f.shape[-1]) for f in images.values()], axis=1)
         metadata, white = session.metadata, animation.white_of(flat)
         walls = np.where(wall.pixels[..., np.newaxis], photographs, np.nan)
@@ -109,7 +110,7 @@ def video(
         psnr = (f"{medians[f'psnr{of}']:.2f} dB" for of in named("", known))
         rows.append(["median PSNR against the truth", *psnr])
     show_table(rows, ["", *known] if len(known) > 1 else ())
-    conclude(f"first frame: {verdict}", messages.colour(report))
+    conclude(f"first frame: {verdict}", colour)
 
 
 def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps.Photograph]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.calibration.result import DeterminedBy
+from periscopy_sim.calibration.result import ParameterSource
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import COLUMN, LINE, OKABE_ITO, drawn, wrapped
 from periscopy_sim.model.residual import percentages, with_error
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 WARNING = "#cb181d"
 
 _COLOURS = {
-    DeterminedBy.PHOTOGRAPH: OKABE_ITO[1],
-    DeterminedBy.PHOTOGRAPH_ALONE: OKABE_ITO[4],
-    DeterminedBy.RULER: "0.55",
-    DeterminedBy.NOTHING: "0.55",
+    ParameterSource.PHOTOGRAPH: OKABE_ITO[1],
+    ParameterSource.PHOTOGRAPH_ALONE: OKABE_ITO[4],
+    ParameterSource.RULER: "0.55",
+    ParameterSource.NOTHING: "0.55",
 }
 
 
@@ -104,10 +104,10 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
     ax.plot(path.ravel(), np.tile(rows, len(path)), ".", **search)
     places, widths = (values - starts) / errors, widths / errors
     for source, colour in _COLOURS.items():
-        kept = [k for k in rows if parameters[k].determined_by == source]
+        kept = [k for k in rows if parameters[k].source == source]
         if kept:
             look = {"fmt": "o", "color": colour, "markersize": 4, "capsize": 2}
-            label = f"value ± standard error, {source}"
+            label = f"value ± standard error: {source}"
             ax.errorbar(places[kept], kept, xerr=widths[kept], label=label, **look)
     names = [
         f"{p.name} = {with_error(p.value, p.standard_error, units.get(p.name, ''))}"

@@ -57,7 +57,7 @@ class Paint:
         rows = np.concatenate(list(fit.monitor_off.values()))
         smooth = fit.background[: fit.smooth_rank].T
         self._fields = np.array([fine_structure(row, smooth) for row in rows])
-        self._others = [_moved(self._fields, fraction, fit.mask) for fraction in (1 / 3, 2 / 3)]
+        self._others = [moved(self._fields, fraction, fit.mask) for fraction in (1 / 3, 2 / 3)]
         self._fit = fit
 
     def __call__(
@@ -119,7 +119,7 @@ def _fit_fields(terms: Array, rest: Array) -> tuple[Array, float, int]:
     return shares, float(np.sum(coordinates**2 / eigenvalues[kept])), int(kept.sum())
 
 
-def _moved(fields: Array, part: float, mask: Mask | None) -> Array:
+def moved(fields: Array, part: float, mask: Mask | None) -> Array:
     """Return fields, (J, M'), moved down by a part of the photograph, its end put before it."""
     if mask is None:
         return np.roll(fields, round(part * fields.shape[1]), axis=1)

@@ -52,8 +52,15 @@ class Report:
         code: str = residual.diagnosis if residual.diagnosis != "unknown" else "not_judged"
         if residual.is_large and code != "does_not_fit":
             code = "unexplained"
+        elif residual.is_smooth and code == "fits":
+            code = "nearly_fits"
         names = "unexplained", "unexplained_by_any", "noise_alone"
         return Note(code, {name: 100 * (getattr(residual, name) or 0.0) for name in names})
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether the verdict is a warning."""
+        return self.verdict.code in ("does_not_fit", "nearly_fits", "unexplained")
 
 
 class Method(Protocol):
@@ -336,12 +343,13 @@ class StillMethod(ABC, Generic[Precision]):
         warnings = [Note("no_hidden_image")] * bool(is_noise)
         residual, numbers = None, solution.numbers()
         if self.fit.shape is not None:
-            residual = residual_of(self.corrected(photograph, solution), signal, self.fit)
+            y = self.corrected(photograph, solution)
+            residual = residual_of(y, signal, self.fit, lambda: self.motions(solution))
             if not self.judges_scene:
                 residual = replace(residual, diagnosis="unknown")
             numbers = {**numbers, **residual.numbers()}
         report = Report(numbers=numbers, residual=residual)
-        warnings += [report.verdict] * (report.verdict.code in ("does_not_fit", "unexplained"))
+        warnings += [report.verdict] * report.is_doubted
         return replace(report, warnings=warnings)
 
     @of_all
@@ -353,6 +361,13 @@ class StillMethod(ABC, Generic[Precision]):
         """
         report: Report = StillMethod.report(self, photograph, solution)
         return report.residual
+
+    def motions(self, solution: Any) -> Array | None:  # noqa: ARG002
+        """Return what errors of the scene's numbers add to a solution's light, (K, C, M').
+
+        None where the method knows no such errors.
+        """
+        return None
 
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
         """Return the photograph that A f + B c + n describes, (M', C), in the pixels used."""

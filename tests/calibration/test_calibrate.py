@@ -8,6 +8,7 @@ import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
 from periscopy_sim.calibration.prior import free_parameters
+from periscopy_sim.calibration.result import ParameterSource
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.document import read_document
@@ -82,6 +83,20 @@ def test_an_unknown_picture_tells_the_scene_and_two_tell_more(small: Small) -> N
         for found in (one, two)
     ]
     assert information[1] > 1.2 * information[0]
+
+
+@pytest.mark.usefixtures("quick")
+def test_measured_values_that_are_kept_have_the_rulers_errors(small: Small) -> None:
+    values = {**SIZE, **{name: f"{value}" for name, value in TRUTH.items()}}
+    found = calibrated(small.photograph(0), parameters=values)
+    assert not found.moved and found.trusted and found.overdispersion == 1
+    assert found.values == pytest.approx(TRUTH)
+    for p in found.parameters:
+        assert p.source is ParameterSource.RULER and not p.record()["determined"]
+        assert p.statistical_error == p.standard_error == ERRORS[p.name]
+    known, free = found.scene_covariance, len(ERRORS)
+    np.testing.assert_allclose(known.covariance[:free, :free], np.diag([*ERRORS.values()]) ** 2)
+    assert not known.covariance[:free, free:].any()
 
 
 @pytest.mark.usefixtures("quick")

@@ -7,20 +7,22 @@ from periscopy_sim.reconstruction.method import Report
 
 
 @pytest.mark.parametrize(
-    ("diagnosis", "unexplained", "noise", "code"),
+    ("diagnosis", "unexplained", "noise", "excess", "code"),
     [
-        ("fits", 0.0071, 0.007, "fits"),
-        ("does_not_fit", 0.0081, 0.007, "does_not_fit"),
-        ("does_not_fit", 0.2, 0.007, "does_not_fit"),
-        ("unknown", 0.0081, 0.007, "not_judged"),
-        ("unknown", 0.01, None, "not_judged"),
-        ("fits", 0.2, 0.007, "unexplained"),
-        (None, 0, 0, "no_residual"),
+        ("fits", 0.0071, 0.007, 1.0, "fits"),
+        ("fits", 0.0081, 0.007, 9.0, "nearly_fits"),
+        ("fits", 1e-7, 1e-8, 9.0, "fits"),
+        ("does_not_fit", 0.0081, 0.007, 1.0, "does_not_fit"),
+        ("does_not_fit", 0.2, 0.007, 9.0, "does_not_fit"),
+        ("unknown", 0.0081, 0.007, 9.0, "not_judged"),
+        ("unknown", 0.01, None, None, "not_judged"),
+        ("fits", 0.2, 0.007, 9.0, "unexplained"),
+        (None, 0, 0, 0, "no_residual"),
     ],
 )
-def test_verdict_is_one_line_of_eighty_columns(diagnosis, unexplained, noise, code):
+def test_verdict_is_one_line_of_eighty_columns(diagnosis, unexplained, noise, excess, code):
     light = np.zeros((4, 4, 3))
-    residual = Residual(light, unexplained, unexplained, noise, 1.0, diagnosis)
+    residual = Residual(light, unexplained, unexplained, noise, excess, diagnosis)
     report = Report(residual=residual if diagnosis else None)
     remedy = messages.sentence("pass", options="--hidden 18x32") if code == "does_not_fit" else ""
     assert report.verdict.code == code

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.calibration.result import Calibration, DeterminedBy, Parameter, Rival
+from periscopy_sim.calibration.result import Calibration, Parameter, ParameterSource, Rival
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.result import Silhouette
-from periscopy_sim.cli.calibrate import fixed_numbers, show_calibration
+from periscopy_sim.cli.calibrate import show_calibration
+from periscopy_sim.cli.output import outcome, outcome_of
 from periscopy_sim.figures.calibration import draw_calibration, draw_silhouette
 from periscopy_sim.photograph import Photograph
 from tests.scenes.calibration import calibration
@@ -25,8 +25,8 @@ PHOTOGRAPH = Photograph.of(np.full((32, 36, 3), 0.5))
 def draw(tmp_path: Path, saved: list[Figure]) -> Draw:
     def figure(shown: Calibration) -> Figure:
         path = tmp_path / "calibration.png"
-        draw_calibration(path, PHOTOGRAPH, shown, {"dx": "m"}, {"Source": "s"})
-        assert read(path)[0]["Source"] == "s"
+        draw_calibration(path, PHOTOGRAPH, shown, {"dx": "m"}, {"ParameterSource": "s"})
+        assert read(path)[0]["ParameterSource"] == "s"
         return saved[-1]
 
     return figure
@@ -75,18 +75,23 @@ def test_a_parameter_has_one_source_in_the_table_and_in_the_figure(
         Parameter("dy", 0.0, 0.1, 0.01, 0.05, 0.05),
         Parameter("dz", 0.0, 0.1, 0.05, 0.05, 0.05),
     )
-    sources = [DeterminedBy.PHOTOGRAPH, DeterminedBy.PHOTOGRAPH_ALONE, DeterminedBy.RULER]
+    sources = [ParameterSource.PHOTOGRAPH, ParameterSource.PHOTOGRAPH_ALONE, ParameterSource.RULER]
     path = (np.zeros((1, 4)),)
     shown = replace(calibration(), parameters=measured, path=path, correlation=np.eye(3))
-    assert [parameter.determined_by for parameter in measured] == sources
+    assert [parameter.source for parameter in measured] == sources
     labels = draw(shown).axes[-1].get_legend_handles_labels()[1]
     show_calibration(shown, {})
     header, *lines = capsys.readouterr().out.splitlines()
-    assert header.split() == ["parameter", "calibrated", "measured", "determined"]
+    assert header.split() == ["parameter", "calibrated", "measured", "source"]
     for source, line in zip(sources, lines[:3], strict=True):
         assert any(label.endswith(source) for label in labels) and source in line
+    far = replace(measured[0], value=0.16, trusted=False)
+    with outcome_of(quiet=False, as_json=False):
+        show_calibration(replace(shown, parameters=(far, *measured[1:]), doubts=("far",)), {})
+        ((line, colour),) = outcome().verdicts
+    assert line.endswith("Measure dx again.") and colour == "red"
     doubted = replace(measured[0], trusted=False)
-    assert doubted.determined_by is DeterminedBy.NOTHING and not doubted.determined
+    assert doubted.source is ParameterSource.NOTHING and not doubted.determined
 
 
 def test_a_silhouette_s_figure_shows_the_image_of_each_surface(
@@ -102,14 +107,3 @@ def test_a_silhouette_s_figure_shows_the_image_of_each_surface(
         panels = [ax.get_title() for ax in saved[-1].axes]
         shows = [f"{name} with\nthis silhouette" for name in titles]
         assert [title for title in panels if title.endswith("silhouette")] == shows
-
-
-def test_a_box_names_the_fixed_numbers_that_move_a_doubted_result_most() -> None:
-    held = UncertainParameters(
-        ("a", "b", "c"), np.array([0.0, 2.0, 3.0]), np.array([0.1, 0.01, 0.2])
-    )
-    moves = np.array([[0.001, 0.04, 0.01], [0.0, 0.0, 0.4]])  # rulers' errors are 0.05 and 0.5
-    shown = replace(calibration(("why",)), uncertain=held, moves=moves)
-    (sentence,) = fixed_numbers(shown, {"b": "m"})
-    assert "above all c 3.00 ± 0.20, b 2.000 ± 0.010 m:" in sentence
-    assert not [*fixed_numbers(calibration(("why",)), {})]

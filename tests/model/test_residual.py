@@ -130,6 +130,46 @@ def test_image_smoothed_too_far_is_no_fault_of_the_scene():
     assert found.unexplained > 3 * found.noise_alone and found.diagnosis == "unknown"
 
 
+def tried(y, motions=None):
+    """Return the remedies tried on a photograph, with the light that numbers' errors add."""
+    method = METHODS["noise-aware"](SCENE, A, B, uncertain=motions)
+    return method.residual(y, method.solve(y))
+
+
+class Numbers:
+    """A scene's numbers whose errors move the shadows by 0.02 across."""
+
+    names = ("shift",)
+
+    def lights(self, image, mask):
+        assert mask is None
+        change = (transport(0.02) - transport(-0.02)) / 2
+        return np.moveaxis(change @ image.reshape(-1, 3), 1, 0)[None]
+
+
+@pytest.mark.parametrize("shift", [0.01, 0.03])
+def test_numbers_explain_a_scene_that_they_misplace_and_paint_does_not(shift):
+    found = tried(photograph(transport(shift), noise=1e-3), Numbers())
+    assert found.remedies == ["numbers"], found.explained_by
+
+
+@pytest.mark.parametrize(("scale", "remedies"), [(0, ["paint"]), (0.7, ["paint"]), (6, [])])
+def test_paint_finer_than_shadows_explains_an_uneven_wall_and_numbers_do_not(scale, remedies):
+    found = tried(photograph(wall=0.03 * paint(scale)), Numbers())
+    assert found.diagnosis == "does_not_fit" and found.remedies == remedies, found.explained_by
+
+
+def test_numbers_explain_an_unrelated_smooth_misfit_by_chance_alone():
+    """Of 40 seeds 2 are expected at an error rate of 0.05; more than 6 have a chance of 1 %."""
+    smooth = (photograph(wall=0.01 * paint(6, seed)) for seed in range(40))
+    assert sum("numbers" in tried(y, Numbers()).remedies for y in smooth) <= 6
+
+
+def test_one_channel_has_no_paint_apart_from_noise():
+    y = photograph(wall=0.03 * paint(0))
+    assert "paint" not in tried(np.repeat(y[..., 1:2], 3, axis=2) * SCENE.channel_gain).remedies
+
+
 class Stripes:
     """A correction that knows of stripes on the wall."""
 

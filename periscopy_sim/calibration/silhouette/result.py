@@ -74,14 +74,11 @@ class Silhouette:
         doubts = []
         if self.unexplained > self.unexplained_open / 2:
             doubts.append(
-                "the mask explains less than half of what the photograph shows without it: the "
-                "scene is wrong elsewhere, or the photograph is too noisy"
+                "the mask explains less than half of what the photograph shows without it"
             )
         if self.decided < DECIDED:
             doubts.append(
-                f"{100 * (1 - self.decided):.0f} % of the cells are neither opaque nor open: the "
-                "photographs resolve fewer, the occluder's outline lies between them, or the scene "
-                "is wrong elsewhere"
+                f"{100 * (1 - self.decided):.0f} % of the cells are neither opaque nor open"
             )
         if self.starts and self.agreeing < 2:
             doubts.append(

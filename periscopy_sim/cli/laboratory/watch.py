@@ -14,7 +14,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, exposures, marks_of
 from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
 from periscopy_sim.cli.light import check_memory
-from periscopy_sim.cli.messages import colour, report_sentences
+from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
@@ -102,7 +102,7 @@ def watch(
         record(frames_shown=stream.shown, frames_dropped=stream.dropped)
         say(f"{stream.shown} frames shown, {stream.dropped} dropped")
         if (report := stream.verdict) is not None:
-            conclude(session.judge(source, report), colour(report))
+            conclude(*session.judge(source, report))
 
     with live:
         serve(live, session.path.name, close)

@@ -286,6 +286,13 @@ class NoiseAware(StillMethod[np.float64]):
             return None
         return self.fit.response(self.uncertain.lights(solution.image, self.fit.mask))
 
+    def motions(self, solution: NoiseAwareReconstruction) -> Array | None:
+        """Return what the scene's errors add to a solution's light; see `StillMethod`."""
+        if self.uncertain is None:
+            return None
+        lights = self.uncertain.lights(solution.image, self.fit.mask)
+        return lights if self.fit.mixing is None else np.asarray(self.fit.mixing @ lights)
+
     def corrected(self, photograph: Image, solution: NoiseAwareReconstruction) -> Array:
         """Return the photograph without the corrections' light; see `StillMethod`."""
         if solution.photograph is None:

@@ -4,32 +4,54 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.model.residual import Residual
 from periscopy_sim.reconstruction.method import Report
+from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.transport.shadow_rays import require_light
+from periscopy_sim.scene import CALIBRATED
+from periscopy_sim.shipped import find_scene
 from tests.scenes.cards import HIDDEN, SIZES, write_cards
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 
 @pytest.mark.parametrize(
-    ("excess", "declared", "advice"),
+    ("explained", "options", "advice"),
     [
-        (1.0, True, "differs by pixels"),
-        (9.0, True, "Run calibrate."),
-        (9.0, False, "Declare the errors"),
+        ({"numbers": 0.3, "paint": 0.2}, {}, " Run calibrate."),
+        ({"numbers": 0.0, "paint": 0.9}, {}, " Pass --monitor-off."),
+        ({"numbers": 0.3, "paint": 0.9}, {}, " Pass --monitor-off. Run calibrate."),
+        ({"numbers": 0.0, "paint": 0.9}, {"monitor_off": ["off.npy"]}, " Look at residual.png."),
+        ({}, {}, " Look at residual.png."),
     ],
 )
-def test_advice_suits_the_residual_and_what_the_scene_declares(tmp_path, excess, declared, advice):
-    scene = ("plate", ["3x4"]) if declared else (str(write_cards(tmp_path)), HIDDEN[1::2])
-    session = PhotoSession(*scene)
+def test_a_remedy_is_named_only_if_it_explains_the_misfit(explained, options, advice):
+    session = PhotoSession("plate", ["3x4"], **options)
     session.record |= {"transport_error": None, "model": "analytic"}
-    residual = Residual(np.zeros((2, 2, 1)), 0.02, 0.02, 0.001, excess, "does_not_fit", 1.0)
-    line = session.judge("y", Report(residual=residual))
-    assert line.startswith("The scene does not fit") and advice in line
+    light = np.zeros((2, 2, 1))
+    residual = Residual(light, 0.02, 0.02, 0.001, 9.0, "does_not_fit", 1.0, explained)
+    line, colour = session.judge("y", Report(residual=residual))
+    assert line.startswith("The scene does not fit") and colour == "red"
+    assert all(part in line for part in advice.split(". "))
+    assert line.count(".png") + line.count("calibrate") + line.count("--") == advice.count(". ") + 1
+
+
+@pytest.mark.parametrize(("errors_off", "names"), [(4.0, ["occluder_dx"]), (2.0, [])])
+def test_a_doubted_calibration_is_a_part_of_the_only_verdict(tmp_path, errors_off, names, capfd):
+    value = 0.005 * errors_off
+    known = f"not trusted; occluder_dx = {value} from 0 +- 0.001: 1"
+    given = {"occluder_dx": f"{value}", CALIBRATED: known}
+    write_copy(read_document(find_scene("chair")), given, tmp_path / "calibrated.xml")
+    session = PhotoSession(str(tmp_path / "calibrated.xml"), ["3x4"])
+    residual = Residual(np.zeros((2, 2, 1)), 0.001, 0.001, 0.001, 1.0, "fits", 0.0)
+    line, colour = session.judge("y", Report(residual=residual))
+    assert line.startswith("The scene fits") and "not trusted" in line and colour == "red"
+    assert [name for name in session.scenario.document.defaults if name in line] == names
+    assert session.warnings == [f"y: {line}"] and "warning" not in capfd.readouterr().err
 
 
 def test_light_of_rounding_is_none(tmp_path):
