@@ -50,7 +50,8 @@ def dots(rng: np.random.Generator) -> Array:
 
 def photograph(name: str) -> Array:
     """Return a picture of scikit-image, its middle, in linear light."""
-    picture = color.gray2rgb(img_as_float(getattr(data, name)()))
+    picture = img_as_float(getattr(data, name)())
+    picture = picture if picture.ndim == 3 else color.gray2rgb(picture)
     rows, columns = (int(min(picture.shape[0] / 5, picture.shape[1] / 6) * n) for n in (5, 6))
     top, left = (picture.shape[0] - rows) // 2, (picture.shape[1] - columns) // 2
     linear = srgb_decode(picture[top : top + rows, left : left + columns])
