@@ -86,14 +86,10 @@ def run(setting: PublishedSetting) -> Section:
     tables = [Table("Over the mean light, %.", ("photograph", "unexplained", "noise"), rows)]
     lit, dark = next(iter(PAIRS.items()))
     if lit in photographs and dark in photographs:
-        both = photographs[lit], photographs[dark]
-        fractions = [
-            (
-                f"{power:g}",
-                *(f"{each:.3f}" for each in outside(*(y ** (power / DECODING) for y in both))),
-            )
-            for power in POWERS
-        ]
+        fractions = list[tuple[str, ...]]()
+        for power in POWERS:
+            pair = (np.maximum(photographs[n], 0) ** (power / DECODING) for n in (lit, dark))
+            fractions.append((f"{power:g}", *(f"{each:.3f}" for each in outside(*pair))))
         title = f"What {lit} has beside a multiple of {dark} outside range(B), over the latter."
         tables += [Table(title, ("power of the values", "red", "green", "blue"), fractions)]
     tables += [Table("Not read.", ("set", "why"), problems)] if problems else []
