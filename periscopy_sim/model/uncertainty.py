@@ -186,19 +186,18 @@ def displacement(factor: Array, hidden: Hidden, f: Array, response: Array) -> Ar
 def contrast(energies: Array, signals: Array) -> float:
     """Return τ, from energies whose means are 1 + τ s for the signals s.
 
-    A τ below 1, which makes errors smaller than the posterior's, is believed up to where its
-    likelihood is e^-½ of the largest; where the wall shows nothing of the pull, τ is 1.
+    One energy more, of signal 1, agrees with τ = 1, which is the τ where the wall shows nothing of
+    the pull.
     """
+    signals, energies = np.append(signals, 1.0), np.append(energies, 2.0)
     weights = 1 / (1 + signals)
-    costs = np.array([_cost(energies, 1 + τ * signals, weights) for τ in CONTRASTS])
-    τ = CONTRASTS[costs.argmin()]
-    likely = CONTRASTS[costs <= costs.min() + 0.5]
-    return float(max(τ, likely[likely <= 1].max(initial=0)))
 
+    def cost(τ: float) -> float:
+        """Return minus the weighted log likelihood, but for a constant."""
+        variances = 1 + τ * signals
+        return float(np.sum(weights * (np.log(variances) + energies / variances)))
 
-def _cost(energies: Array, variances: Array, weights: Array) -> float:
-    """Return minus the weighted log likelihood of energies, but for a constant."""
-    return float(np.sum(weights * (np.log(variances) + energies / variances))) / 2
+    return float(CONTRASTS[np.argmin([cost(τ) for τ in CONTRASTS])])
 
 
 def curvature_of_total_variation(differences: Differences, f: Array, weight: float) -> Any:

@@ -167,7 +167,7 @@ def test_images_of_the_assumed_covariance_err_by_as_much(τ, least, monkeypatch)
     variances = np.mean(np.square(stated), axis=0).ravel()
     squares = np.mean((estimate - f) ** 2, axis=1)
     # 600 draws: a square is off by √(2/600) = 6 %, their mean by less. A contrast below the prior's
-    # is stated too large by up to its standard error, Birge's ratio never too small.
+    # is stated too large, Birge's ratio never too small.
     assert least < np.mean(squares / variances) < 1.05
     np.testing.assert_allclose(squares / variances, np.mean(squares / variances), rtol=0.4)
 
@@ -178,11 +178,11 @@ def test_contrast_is_that_of_the_energies(τ):
     assert contrast(1 + τ * signals, signals) == pytest.approx(τ, rel=0.3)
 
 
-def test_contrast_below_that_of_the_prior_is_believed_where_the_photograph_shows_it():
-    assert contrast(np.ones((3, 4)), np.full((3, 4), 1e-3)) == 1
-    assert contrast(np.ones((3, 4)), np.zeros((3, 4))) == 1
+def test_contrast_is_that_of_the_prior_unless_the_photograph_shows_another():
+    assert contrast(np.ones((3, 4)), np.full((3, 4), 1e-6)) == pytest.approx(1, rel=0.1)
+    assert contrast(np.ones((3, 4)), np.zeros((3, 4))) == pytest.approx(1, rel=0.1)
     few, many = (contrast(np.ones((3, count)), np.ones((3, count))) for count in (4, 400))
-    assert many < 0.2 < few < 1
+    assert many < 0.01 < few < 0.5
 
 
 BLURRED = A * np.geomspace(1, 0.02, N)[np.random.default_rng(1).permutation(N)]
@@ -192,8 +192,12 @@ SPECKLE = np.random.default_rng(3).random((*HIDDEN, 3))
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.05, 0.2])
-@pytest.mark.parametrize("truth", [TRUTH, DOTS, SPECKLE], ids=["block", "dots", "speckle"])
-def test_errors_are_of_the_size_and_at_the_places_that_they_are_told(truth, noise):
+@pytest.mark.parametrize(
+    ("truth", "least"),
+    [(TRUTH, 0.4), (DOTS, 0.0), (SPECKLE, 0.4)],
+    ids=["block", "dots", "speckle"],
+)
+def test_errors_are_of_the_size_and_at_the_places_reported(truth, least, noise):
     method = NoiseAware(BLURRED, hidden=HIDDEN)
     errors, stated = [], []
     for seed in range(20):
@@ -202,9 +206,9 @@ def test_errors_are_of_the_size_and_at_the_places_that_they_are_told(truth, nois
         errors.append(found.image - truth)
         stated.append(method.standard_errors(found))
     ratio = np.sqrt(np.mean((np.array(errors) / stated) ** 2))
-    assert 0.35 < ratio < 1.2
+    assert 0.35 < ratio < 1.3
     actual, expected = (np.sqrt(np.mean(np.square(e), axis=0)).ravel() for e in (errors, stated))
-    assert np.corrcoef(actual, expected)[0, 1] > 0.05
+    assert np.corrcoef(actual, expected)[0, 1] > least
 
 
 CHANGES = 0.3 * RNG.standard_normal((2, 400, N)).astype(np.float32)
