@@ -5,18 +5,22 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from scipy import ndimage
 
 import periscopy_sim as ps
 from experiments.published.setting import PublishedSetting
 from experiments.report import Claim, Picture, Section, Table, Verdict
 from periscopy_sim.figures.panels import displayable, draw_panels
 from periscopy_sim.numerics import Array
-from periscopy_sim.storage.published import published_sets
+from periscopy_sim.storage.published import DECODING, published_sets
 
 SETS = "czajkowski2024-doorway"
 """Begins the names of the sets."""
 
 SCENE, HIDDEN = "doorway", (32, 32)
+
+BLUR = 2.0
+"""Standard deviation in pixels of the Gaussian that blurs noise away."""
 
 NOISE = 2e-3
 """Noise of the averages over their mean, about."""
@@ -31,6 +35,9 @@ PAIRS = {
     "SingleSnapshot/USF_man": "USF_man",
 }
 """Photographs under more light, or of a single exposure, and the one that each is compared with."""
+
+POWERS = 1.0, 1.7, 2.2, 2.6, 3.0
+"""Powers of the files' values that are compared as linear light."""
 
 OTHER_ROOMS = {"play1": "shelf_only"}
 """Photographs of one ceiling before different rooms."""
@@ -77,6 +84,14 @@ def run(setting: PublishedSetting) -> Section:
         if name in values and other in values
     ]
     tables = [Table("Over the mean light, %.", ("photograph", "unexplained", "noise"), rows)]
+    lit, dark = next(iter(PAIRS.items()))
+    if lit in photographs and dark in photographs:
+        fractions = list[tuple[str, ...]]()
+        for power in POWERS:
+            pair = (np.maximum(photographs[n], 0) ** (power / DECODING) for n in (lit, dark))
+            fractions.append((f"{power:g}", *(f"{each:.3f}" for each in outside(*pair))))
+        title = f"What {lit} has beside a multiple of {dark} outside range(B), over the latter."
+        tables += [Table(title, ("power of the values", "red", "green", "blue"), fractions)]
     tables += [Table("Not read.", ("set", "why"), problems)] if problems else []
     return replace(section, claims=claims, tables=tables, pictures=[Picture(file, "All rooms.")])
 
@@ -84,6 +99,22 @@ def run(setting: PublishedSetting) -> Section:
 def correlation(first: Array, second: Array) -> float:
     """Return the correlation of two arrays' values."""
     return float(np.corrcoef(first.ravel(), second.ravel())[0, 1])
+
+
+def outside(lit: Array, dark: Array) -> Array:
+    """Return how much ambient light of a room lies outside range(B), over the room's own, (C,).
+
+    White noise is blurred away. Ambient light is what the lit photograph has beside a multiple of
+    the dark one; where their values are not linear, it holds products of both.
+    """
+    fit = _method(dark.shape[:2]).fit
+    y, y_dark = fit.project_out(
+        np.concatenate([fit.planes(each[None])[0] for each in (lit, dark)])
+    ).reshape(2, dark.shape[2], -1)
+    multiples = np.sum(y * y_dark, axis=1) / np.sum(y_dark**2, axis=1)
+    blurred = ndimage.gaussian_filter(lit / multiples - dark, (BLUR, BLUR, 0), mode="nearest")
+    ambient = fit.project_out(fit.planes(blurred[None])[0])
+    return np.asarray(np.linalg.norm(ambient, axis=1) / np.linalg.norm(y_dark, axis=1))
 
 
 def _photographs() -> tuple[Mapping[str, Array], list[tuple[str, str]]]:

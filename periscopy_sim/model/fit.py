@@ -387,13 +387,6 @@ class Fit:
         scales = np.sqrt(self.curvatures)[:, None] * self.unit
         return np.asarray(scales * (self._laplacian @ rows.T).T)
 
-    def explicable(self, evidence: Evidence, image: Image) -> tuple[Array, Array]:
-        """Return the part of y⊥ that A⊥ can explain, (C, N'), and an image's residual, over σ."""
-        noise = evidence.noise[:, None]
-        shown = self.coordinates_of(self.mixed(image).T) / (evidence.level * noise)
-        whole = self.coordinates(evidence) / noise
-        return whole, whole - shown
-
     def unexplained(self, rows: Array) -> Array:
         """Return the part of rows, (J, M'), that no hidden image and no ambient light explain."""
         return self.operator.unexplained(rows.T).T

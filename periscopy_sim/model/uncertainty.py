@@ -11,10 +11,17 @@ of covariance, where images f have the covariance τ P⁻¹,
     H⁻¹ (A⊥ᵀA⊥/σ² + τP) H⁻¹ = H⁻¹ + (τ − 1) H⁻¹P H⁻¹.
 
 For τ = 1 it is the posterior's (Laplace's approximation), λ being that of the image's prior. But λ
-follows the noise; images of more contrast than such a prior's are pulled farther off the
-photograph, and the photograph shows how far: with f_LS the least-squares image, X_c = P H_c⁻¹,
+follows the noise, and images do not: those of less contrast than such a prior's are pulled less far
+off the photograph. Along the eigenvectors of A⊥P⁻¹A⊥ᵀ, of eigenvalues t_k, the photograph shows the
+contrast: its coordinates y_k have variances σ² + τ t_k. The estimate of τ is that of maximum
+likelihood in which each coordinate counts by σ²/(σ² + t_k), the fraction of it that the prior fills
+in: τ is to hold where the pull acts. The strong coordinates, counted alike, show the contrast of
+what needs no prior.
 
-    E Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c² = Σ_c tr X_c² + τ Σ_c (tr X_c − tr X_c²).
+f ≥ 0, edges that f̂ lacks and a scene that errs move f̂ farther off the photograph than that. With
+f_LS the least-squares image, X_c = P H_c⁻¹ and Birge's ratio, if above 1, the covariance is times
+
+    R = Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c² / Σ_c (tr X_c² + τ (tr X_c − tr X_c²)).
 
 Where the scene itself errs, the photograph holds light Σ_k e_k T_k that A f does not, T_k what an
 error of one unit does to it and e of covariance Σ (`uncertain_transport`). It moves the estimate by
@@ -26,7 +33,7 @@ as the inverse of H beside the scene's errors has it, block by block.
 
 With F of full row rank, FᵀF = A⊥ᵀA⊥, and the eigenvectors F P⁻¹Fᵀ = V diag(t) Vᵀ, all of it follows
 from Y = P⁻¹FᵀV for any noise, the matrices N x N but for P being diagonal in it, so that fine grids
-of few patterns need none: with s = t/(σ² + t), H⁻¹ = P⁻¹ − Y diag(s/t) Yᵀ and tr X = N − Σ s.
+of few patterns need none: with s = t/(σ² + t), H⁻¹ = P⁻¹ − Y diag(s/t) Yᵀ and X has 1 − s.
 
 With a colour matrix M, Π = Mᵀ diag(1/σ_c²) M replaces 1/σ² and couples the primaries. With
 Π = V diag(π) Vᵀ, the channels Vᵀf are independent.
@@ -48,7 +55,10 @@ SMOOTHING = 0.5
 whose map agreed best with actual errors, in size and in place."""
 
 LEAST_SHOWN = 1e-3
-"""Degrees of freedom of the pull that the wall shows: where there are fewer, they are rounding."""
+"""Misfit over the noise that the wall is to show: where it is less, it is rounding."""
+
+CONTRASTS = np.geomspace(1e-6, 1e12, 361)
+"""Values of τ that are tried, in steps of 12 %."""
 
 
 CONSTANT = 10.0
@@ -59,10 +69,10 @@ are right to 1e-6 (42 patches); at 1 and at 100, where digits cancel, to 1e-4 an
 def standard_errors(
     factor: Array,
     hidden: Hidden,
-    precision: Array,
+    mixing: Array,
+    coordinates: Array,
     f: Array,
     weight: float,
-    misfit: float,
     response: Array | None = None,
 ) -> Array:
     """Return the standard error of each patch, (N, 3), in units of the image.
@@ -71,10 +81,10 @@ def standard_errors(
     alike where the wall hides it and where it shows it: total variation pulls equally on both. They
     ignore that f ≥ 0 excludes images, so they are too large for images with much black.
 
-    `factor` is F, (r, N), of the module, `hidden` the surfaces of images and `f` is f̂, (N, 3). The
-    precision is Π = Mᵀ diag(1/σ_c²) M, the weight λ > 0, and the misfit
-    Σ_c ‖A⊥(f̂_c − f_LS,c)‖²/σ_c² in the camera's channels. The response, (K, 3, r), is (F⁺)ᵀA⊥ᵀT Σ^½
-    of the scene's own errors, in the primaries; None for a scene that is right.
+    `factor` is F, (r, N), of the module, `hidden` the surfaces of images and `f` is f̂, (N, 3). Over
+    the σ of the camera's channels, the `mixing` is M and the `coordinates` are those of y⊥, (3, r),
+    along the light whose coordinates F f are; the weight is λ > 0. The response, (K, 3, r), is
+    (F⁺)ᵀA⊥ᵀT Σ^½ of the scene's own errors, in the primaries; None for a scene that is right.
     """
     P = curvature_of_total_variation(hidden.differences, f, weight)
     # A constant that no pixel shows is not known at all; a little keeps the inverse finite.
@@ -88,12 +98,11 @@ def standard_errors(
     Y, t = Y @ V, np.maximum(t, 0)
     squares = Y**2
     free = np.concatenate([each.diagonal for each in inverses])
-    noises, pulls = np.empty((2, len(free), len(precision)))
-    π, U = np.linalg.eigh(precision)
+    π, U = np.linalg.eigh(mixing.T @ mixing)
+    noises, pulls = np.empty((2, len(free), len(π)))
     response = np.zeros((0, len(π), len(t))) if response is None else response
     response = np.einsum("ck,jcr,rs->jks", U, response, V)
     moved = np.zeros((len(response), *noises.shape))
-    pulled = squared = 0.0
     for channel, weight_of_data in enumerate(π):
         rest = 1 / (1 + weight_of_data * t)  # 1 − s
         gain = weight_of_data * rest  # s/t
@@ -101,10 +110,15 @@ def standard_errors(
         # Of H⁻¹ = H⁻¹D H⁻¹ + H⁻¹P H⁻¹ the first is the noise's, the second the pull's.
         noises[:, channel] = squares @ (gain * rest)
         pulls[:, channel] = np.maximum(free - squares @ (gain * (1 + rest)), 0)
-        pulled += float(rest.sum())
-        squared += float(np.sum(rest**2))
-    τ = contrast(misfit, pulled, squared)
-    variances = (noises + τ * pulls) @ (U**2).T + np.sum((moved @ U.T) ** 2, axis=0)
+    # Along the independent channels Vᵀf of the module, of noise of variance 1.
+    axes = mixing @ U / np.sqrt(np.maximum(π, np.finfo(np.float64).tiny))
+    y, misfit = (axes.T @ each @ V for each in (coordinates, coordinates - mixing @ (factor @ f).T))
+    signals = π[:, None] * t
+    τ = contrast(y**2, signals)
+    X = 1 / (1 + signals)
+    expected = float(np.sum(X**2 + τ * (X - X**2)))
+    ratio = max(1.0, float(np.sum(misfit**2)) / expected) if expected > LEAST_SHOWN else 1.0
+    variances = ratio * (noises + τ * pulls) @ (U**2).T + np.sum((moved @ U.T) ** 2, axis=0)
     return np.asarray(np.sqrt(variances))
 
 
@@ -169,18 +183,21 @@ def displacement(factor: Array, hidden: Hidden, f: Array, response: Array) -> Ar
     return np.asarray(np.sqrt(np.sum(shifts**2, axis=0)).reshape(-1, 2))
 
 
-def contrast(misfit: float, pulled: float, squared: float) -> float:
-    """Return τ, from the misfit and the sums of tr X and tr X².
+def contrast(energies: Array, signals: Array) -> float:
+    """Return τ, from energies whose means are 1 + τ s for the signals s.
 
-    A τ below 1, which makes errors smaller than the posterior's, is believed up to the standard
-    error that noise gives it; where the wall shows nothing of the pull, τ is 1.
+    One energy more, of signal 1, agrees with τ = 1, which is the τ where the wall shows nothing of
+    the pull.
     """
-    squared = max(squared, 0.0)  # rounding may leave it below
-    shown = pulled - squared
-    if shown < LEAST_SHOWN:
-        return 1.0
-    τ = max((misfit - squared) / shown, 0.0)
-    return max(τ, min(1.0, τ + float(np.sqrt(2 * squared)) / shown))
+    signals, energies = np.append(signals, 1.0), np.append(energies, 2.0)
+    weights = 1 / (1 + signals)
+
+    def cost(τ: float) -> float:
+        """Return minus the weighted log likelihood, but for a constant."""
+        variances = 1 + τ * signals
+        return float(np.sum(weights * (np.log(variances) + energies / variances)))
+
+    return float(CONTRASTS[np.argmin([cost(τ) for τ in CONTRASTS])])
 
 
 def curvature_of_total_variation(differences: Differences, f: Array, weight: float) -> Any:

@@ -33,6 +33,11 @@ FILM = (126, 126)
 COLOURS = ("_red", "_green", "_blue")
 """Ends of the names of three files that make one photograph."""
 
+DECODING = 2.2
+"""Power of such a file's values that is linear light. The noise of single exposures falls with
+brightness, as that of encoded light does. Of 1, 1.7, 2.2, 2.6 and 3 this power leaves the least of
+a room's ambient light outside range(B): `experiments.published.rooms`."""
+
 Layout = Literal["captures", "colours", "arrays"]
 
 
@@ -150,8 +155,8 @@ def read_capture(path: Path) -> dict[str, NDArray[np.float64]]:
 def read_colours(paths: Sequence[Path]) -> NDArray[np.float64]:
     """Return one photograph, (rows, columns, channels), of a MATLAB 7.3 file for each channel.
 
-    Each file has the field ``im``, (rows, columns), scaled to a largest value of 1: the channels'
-    gains are not known. A file that is damaged, or of another size or layout, is a
+    Each file has the field ``im``, (rows, columns), encoded and scaled to a largest value of 1: the
+    channels' gains are not known. A file that is damaged, or of another size or layout, is a
     `PhotographError`; a PeriscopyError says how to install what reads such files.
     """
     h5py, channels = require("h5py"), list[NDArray[np.float64]]()
@@ -171,7 +176,7 @@ def read_colours(paths: Sequence[Path]) -> NDArray[np.float64]:
             sizes = "{}x{} and {}x{}".format(*values.shape, *channels[0].shape)
             raise PhotographError(f"{path}: its channels have {sizes} pixels")
         channels.append(values)
-    return np.stack(channels, axis=2)
+    return np.asarray(np.maximum(np.stack(channels, axis=2), 0) ** DECODING)
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[np.float64]]:

@@ -266,15 +266,14 @@ class NoiseAware(StillMethod[np.float64]):
         """
         response = self._response(solution) if response is None else response
         evidence = solution.evidence
-        M = self._mixing(len(evidence.noise))
-        _, rest = self.fit.explicable(evidence, solution.image)
+        noise = evidence.noise[:, None]
         errors = standard_errors(
             self.fit.factor,
             self.hidden,
-            (M.T / (evidence.level * evidence.noise) ** 2) @ M,
+            self._mixing(len(noise)) / (evidence.level * noise),
+            self.fit.coordinates(evidence) / noise,
             self.hidden.vector(solution.image),
             solution.weight,
-            float(np.sum(rest**2)),
             response,
         )
         image: Array = self.hidden.image(errors)

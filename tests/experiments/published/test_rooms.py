@@ -44,4 +44,6 @@ def test_the_same_room_under_more_light_is_recognized(setting, monkeypatch):
     section = rooms.run(setting)
     (claim,) = section.claims
     assert float(claim.measured) > 0.9
+    linear = min(section.tables[1].rows, key=lambda row: float(row[1]))
+    assert linear[0] == "2.2"  # the photographs as they were taken
     assert section.pictures[0].file.is_file()
