@@ -143,30 +143,24 @@ class Fit:
     def gain(self, channels: int) -> Array:
         """Return the wall's colour in so many channels, (1, C), or of each pixel used, (M', C).
 
-        A grey camera sees the channels' mean.
+        A grey camera sees a texture's mean over the channels, and no colour of an even wall.
         """
-        if self.channel_gain is None:
-            return np.ones((1, channels))
-        known = np.atleast_2d(np.asarray(self.channel_gain, np.float64))
-        gain = np.asarray(known if len(known) == 1 else self.used(known), np.float64)
+        known = np.ones(channels) if self.channel_gain is None else np.asarray(self.channel_gain)
+        gain = np.asarray(known[None] if known.ndim == 1 else self.used(known), np.float64)
         if gain.shape[1] == channels:
             return gain
-        is_grey = np.allclose(gain, gain[:, :1], rtol=1e-6)
-        if channels > 1 and not is_grey:
-            raise InputError(
-                f"the photograph has {channels} channels, the wall's colour {gain.shape[1]}; make "
-                f"the wall grey in the scene, or give {gain.shape[1]} channels, or one"
-            )
-        if channels > 1:
+        if channels == 1:
+            return np.ones((1, 1)) if known.ndim == 1 else gain.mean(axis=1, keepdims=True)
+        if np.allclose(gain, gain[:, :1], rtol=1e-6):
             return np.tile(gain[:, :1], channels)
-        return gain.mean(axis=1, keepdims=True) if len(gain) > 1 else np.ones((1, 1))
+        raise InputError(
+            f"the photograph has {channels} channels, the wall's colour {gain.shape[1]}; make the "
+            f"wall grey in the scene, or give {gain.shape[1]} channels, or one"
+        )
 
     @cached_property
     def mixing(self) -> Array | None:
-        """(C, P) from images in the monitor's primaries to grey planes; None for the identity.
-
-        Of a texture in several colours it is the mean over the pixels.
-        """
+        """(C, P) from images in primaries to grey planes, mean over pixels; None for identity."""
         if self.conditions is None or self.conditions.colour_matrix is None:
             return None
         M = self.conditions.colour_matrix.matrix

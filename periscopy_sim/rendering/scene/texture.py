@@ -4,7 +4,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
@@ -45,6 +44,8 @@ def trace_texture(
     rectangular wall may have moved, by a matrix, (4, 4), from the camera's rays to its own. `what`
     names the wall in messages: a texture that has no mean is a SceneError.
     """
+    from scipy import ndimage
+
     require_vectorized("a wall's texture")
     _check_uv(camera, scene, wall, what)
     rows, columns = (across * side for side in shape)
@@ -134,7 +135,7 @@ def _check_uv(camera: Any, scene: Any, wall: Any, what: str) -> None:
     ray, _ = camera.sample_ray(0.0, 0.0, mi.Point2f(film), mi.Point2f(0.5, 0.5))
     si = scene.ray_intersect(ray)
     si.uv = mi.Point2f(0.3, 0.4)
-    seen = np.array(_albedo(wall, si))[:, np.array(si.is_valid())]
+    seen = np.broadcast_to(np.array(_albedo(wall, si)), (3, 1024))[:, np.array(si.is_valid())]
     if np.ptp(seen, axis=1).max() <= PRECISE * seen.max():
         raise SceneError(
             f"{what} has a texture, and its mesh no UV coordinates; unwrap the mesh (in Blender: "
