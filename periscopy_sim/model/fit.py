@@ -26,6 +26,7 @@ from periscopy_sim.model.ambient import (
     joined_basis,
     wall_profiles,
 )
+from periscopy_sim.model.colour import wall_colour
 from periscopy_sim.model.evidence import Evidence
 from periscopy_sim.model.noise import noise_beside, residual_noise
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
@@ -141,22 +142,8 @@ class Fit:
         return self.conditions.shape if known is None and self.conditions is not None else known
 
     def gain(self, channels: int) -> Array:
-        """Return the wall's colour in so many channels, (1, C), or of each pixel used, (M', C).
-
-        A grey camera sees a texture's mean over the channels, and no colour of an even wall.
-        """
-        known = np.ones(channels) if self.channel_gain is None else np.asarray(self.channel_gain)
-        gain = np.asarray(known[None] if known.ndim == 1 else self.used(known), np.float64)
-        if gain.shape[1] == channels:
-            return gain
-        if channels == 1:
-            return np.ones((1, 1)) if known.ndim == 1 else gain.mean(axis=1, keepdims=True)
-        if np.allclose(gain, gain[:, :1], rtol=1e-6):
-            return np.tile(gain[:, :1], channels)
-        raise InputError(
-            f"the photograph has {channels} channels, the wall's colour {gain.shape[1]}; make the "
-            f"wall grey in the scene, or give {gain.shape[1]} channels, or one"
-        )
+        """Return the wall's colour in so many channels; see `wall_colour`."""
+        return wall_colour(self.channel_gain, channels, self.mask)
 
     @cached_property
     def mixing(self) -> Array | None:

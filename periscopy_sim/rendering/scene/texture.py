@@ -52,7 +52,7 @@ def trace_texture(
     own = None if motion is None else mi.Transform4f(motion)
 
     def sample(number: Any, area: Any, replica: int) -> list[Any]:
-        """Return the colour of an area's point, by its number, and 1; 0 where it is no wall."""
+        """Return the colour of an area's point, its square and 1, by number; 0 if it is no wall."""
         shift = mi.sample_tea_32(area, mi.UInt32(replica), 8)
         within = [
             mi.Float((number * step + by) >> 8) * 2.0**-24
@@ -68,9 +68,11 @@ def trace_texture(
         else:
             si = wall.ray_intersect(mi.Ray3f(own @ ray.o, dr.normalize(own @ ray.d)))
             hit = si.is_valid()
-        return [dr.select(hit, each, 0) for each in (*_albedo(wall, si), mi.Float(1))]
+        albedo = _albedo(wall, si)
+        values = (*albedo, dr.squared_norm(albedo), mi.Float(1))
+        return [dr.select(hit, each, 0) for each in values]
 
-    sums = np.zeros((2, 4, rows * columns))  # of red, green, blue, and of points on the wall
+    sums = np.zeros((2, 5, rows * columns))  # of red, green, blue, their squares, and of points
     areas = np.arange(rows * columns, dtype=np.uint32)
     first, (last, most) = 0, POINTS
     while True:
@@ -82,18 +84,22 @@ def trace_texture(
             seen = sample(lane % added + dr.opaque(mi.UInt32, first), area, replica)
             dr.eval(*seen)  # all in one kernel
             sums[replica][:, some] += [dr.block_sum(each, added) for each in seen]
-        albedo = (sums[:, :3] / np.maximum(sums[:, 3:], 1)).swapaxes(1, 2)
+        means = (sums[:, :4] / np.maximum(sums[:, 4:], 1)).swapaxes(1, 2)
+        albedo, squares = means[..., :3], means[..., 3]
         if not (np.isfinite(albedo).all() and albedo.min() >= 0 < albedo.max()):
             raise SceneError(f"{what} has a texture that is black, negative or not finite")
         errors, precise = (albedo[0] - albedo[1]) / 2, PRECISE * albedo.mean()
         whole = _by_pixel(errors, shape, across).mean(axis=1)
         if last >= most or np.sqrt(np.mean(whole**2)) <= precise:
             return _fields(_by_pixel(albedo.mean(axis=0), shape, across))
+        spread = np.sqrt(np.maximum(squares - np.sum(albedo**2, axis=2), 0)).max(axis=0)
         # Both averages may be equal and wrong, where they miss what a neighbour has.
         grids, size = albedo.reshape(2, rows, columns, 3), (1, 3, 3, 1)
         highest, lowest = ndimage.maximum_filter(grids, size), ndimage.minimum_filter(grids, size)
         contrast = (highest.max(axis=0) - lowest.min(axis=0)).max(axis=2).ravel()
-        areas = np.flatnonzero(contrast > precise * last / MISSED).astype(np.uint32)
+        areas = np.flatnonzero(np.maximum(spread, contrast) > precise * last / MISSED).astype(
+            np.uint32
+        )
         first, last = last, 2 * last
 
 
