@@ -1,5 +1,6 @@
 """The albedo of a textured wall, averaged over the areas that a camera's pixels see of it."""
 
+import warnings
 from itertools import product
 from typing import Any
 
@@ -13,8 +14,9 @@ PRECISE = 1e-4
 """Error of pixels' albedo, root mean square over their mean, at which it is exact enough: a tenth
 of a 60 dB photograph's noise. Squares with sharp borders err by 3.4e-4, a wallpaper by 4e-5."""
 
-POINTS = 64, 4096
-"""Points in each area by which a texture is averaged first, and at most."""
+POINTS, MOST = (64, 1 << 16), 1 << 26
+"""Points in each area by which a texture is averaged first and at most, and at most in all areas
+together."""
 
 STEPS = 0xC13FA9A9, 0x91E10DA5
 """Steps of the points along x and y, over 2³²: 1 over the plastic number, and its square."""
@@ -90,8 +92,7 @@ def trace_texture(
             raise SceneError(f"{what} has a texture that is black, negative or not finite")
         errors, precise = (albedo[0] - albedo[1]) / 2, PRECISE * albedo.mean()
         whole = _by_pixel(errors, shape, across).mean(axis=1)
-        if last >= most or np.sqrt(np.mean(whole**2)) <= precise:
-            return _fields(_by_pixel(albedo.mean(axis=0), shape, across))
+        error = float(np.sqrt(np.mean(whole**2)))
         spread = np.sqrt(np.maximum(squares - np.sum(albedo**2, axis=2), 0)).max(axis=0)
         # Both averages may be equal and wrong, where they miss what a neighbour has.
         grids, size = albedo.reshape(2, rows, columns, 3), (1, 3, 3, 1)
@@ -100,7 +101,17 @@ def trace_texture(
         areas = np.flatnonzero(np.maximum(spread, contrast) > precise * last / MISSED).astype(
             np.uint32
         )
+        if error <= precise or last >= most or len(areas) * last > MOST:
+            break
         first, last = last, 2 * last
+    if error > 10 * precise:
+        warnings.warn(
+            f"{what} has a texture so fine that its pixels err by {error / albedo.mean():.1e}; "
+            "give the camera more pixels",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return _fields(_by_pixel(albedo.mean(axis=0), shape, across))
 
 
 def _by_pixel(areas: Array, shape: tuple[int, int], across: int) -> Array:
