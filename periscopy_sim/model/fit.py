@@ -20,6 +20,7 @@ import numpy as np
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model import ambient
+from periscopy_sim.model.colour import wall_colour
 from periscopy_sim.model.evidence import Evidence
 from periscopy_sim.model.noise import noise_beside, residual_noise
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
@@ -139,32 +140,12 @@ class Fit:
         return self.conditions.shape if known is None and self.conditions is not None else known
 
     def gain(self, channels: int) -> Array:
-        """Return the wall's colour in so many channels, (1, C), or of each pixel used, (M', C).
-
-        A grey camera sees the channels' mean.
-        """
-        if self.channel_gain is None:
-            return np.ones((1, channels))
-        known = np.atleast_2d(np.asarray(self.channel_gain, np.float64))
-        gain = np.asarray(known if len(known) == 1 else self.used(known), np.float64)
-        if gain.shape[1] == channels:
-            return gain
-        is_grey = np.allclose(gain, gain[:, :1], rtol=1e-6)
-        if channels > 1 and not is_grey:
-            raise InputError(
-                f"the photograph has {channels} channels, the wall's colour {gain.shape[1]}; make "
-                f"the wall grey in the scene, or give {gain.shape[1]} channels, or one"
-            )
-        if channels > 1:
-            return np.tile(gain[:, :1], channels)
-        return gain.mean(axis=1, keepdims=True) if len(gain) > 1 else np.ones((1, 1))
+        """Return the wall's colour in so many channels; see `wall_colour`."""
+        return wall_colour(self.channel_gain, channels, self.mask)
 
     @cached_property
     def mixing(self) -> Array | None:
-        """(C, P) from images in the monitor's primaries to grey planes; None for the identity.
-
-        Of a texture in several colours it is the mean over the pixels.
-        """
+        """(C, P) from images in primaries to grey planes, mean over pixels; None for identity."""
         if self.conditions is None or self.conditions.colour_matrix is None:
             return None
         M = self.conditions.colour_matrix.matrix

@@ -14,6 +14,18 @@ def bitmap(name: str, file: str) -> str:
     )
 
 
+def checkered(first: str, second: str, squares: object, *, name: str = "reflectance") -> str:
+    return (
+        f'<texture type="checkerboard" name="{name}">'
+        f'<rgb name="color0" value="{first}"/><rgb name="color1" value="{second}"/>'
+        f'<transform name="to_uv"><scale value="{squares}"/></transform></texture>'
+    )
+
+
+def diffuse(texture: str) -> str:
+    return f'<bsdf type="diffuse">{texture}</bsdf>'
+
+
 def painted(color: object) -> str:
     return f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
 

@@ -1,10 +1,10 @@
 """The albedo of a textured wall, averaged over the areas that a camera's pixels see of it."""
 
+import warnings
 from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
@@ -14,8 +14,9 @@ PRECISE = 1e-4
 """Error of pixels' albedo, root mean square over their mean, at which it is exact enough: a tenth
 of a 60 dB photograph's noise. Squares with sharp borders err by 3.4e-4, a wallpaper by 4e-5."""
 
-POINTS = 64, 4096
-"""Points in each area by which a texture is averaged first, and at most."""
+POINTS, MOST = (64, 1 << 16), 1 << 26
+"""Points in each area by which a texture is averaged first and at most, and at most in all areas
+together."""
 
 STEPS = 0xC13FA9A9, 0x91E10DA5
 """Steps of the points along x and y, over 2³²: 1 over the plastic number, and its square."""
@@ -45,13 +46,15 @@ def trace_texture(
     rectangular wall may have moved, by a matrix, (4, 4), from the camera's rays to its own. `what`
     names the wall in messages: a texture that has no mean is a SceneError.
     """
+    from scipy import ndimage
+
     require_vectorized("a wall's texture")
     _check_uv(camera, scene, wall, what)
     rows, columns = (across * side for side in shape)
     own = None if motion is None else mi.Transform4f(motion)
 
     def sample(number: Any, area: Any, replica: int) -> list[Any]:
-        """Return the colour of an area's point, by its number, and 1; 0 where it is no wall."""
+        """Return the colour of an area's point, its square and 1, by number; 0 if it is no wall."""
         shift = mi.sample_tea_32(area, mi.UInt32(replica), 8)
         within = [
             mi.Float((number * step + by) >> 8) * 2.0**-24
@@ -67,9 +70,11 @@ def trace_texture(
         else:
             si = wall.ray_intersect(mi.Ray3f(own @ ray.o, dr.normalize(own @ ray.d)))
             hit = si.is_valid()
-        return [dr.select(hit, each, 0) for each in (*_albedo(wall, si), mi.Float(1))]
+        albedo = _albedo(wall, si)
+        values = (*albedo, dr.squared_norm(albedo), mi.Float(1))
+        return [dr.select(hit, each, 0) for each in values]
 
-    sums = np.zeros((2, 4, rows * columns))  # of red, green, blue, and of points on the wall
+    sums = np.zeros((2, 5, rows * columns))  # of red, green, blue, their squares, and of points
     areas = np.arange(rows * columns, dtype=np.uint32)
     first, (last, most) = 0, POINTS
     while True:
@@ -81,19 +86,32 @@ def trace_texture(
             seen = sample(lane % added + dr.opaque(mi.UInt32, first), area, replica)
             dr.eval(*seen)  # all in one kernel
             sums[replica][:, some] += [dr.block_sum(each, added) for each in seen]
-        albedo = (sums[:, :3] / np.maximum(sums[:, 3:], 1)).swapaxes(1, 2)
+        means = (sums[:, :4] / np.maximum(sums[:, 4:], 1)).swapaxes(1, 2)
+        albedo, squares = means[..., :3], means[..., 3]
         if not (np.isfinite(albedo).all() and albedo.min() >= 0 < albedo.max()):
             raise SceneError(f"{what} has a texture that is black, negative or not finite")
         errors, precise = (albedo[0] - albedo[1]) / 2, PRECISE * albedo.mean()
         whole = _by_pixel(errors, shape, across).mean(axis=1)
-        if last >= most or np.sqrt(np.mean(whole**2)) <= precise:
-            return _fields(_by_pixel(albedo.mean(axis=0), shape, across))
+        error = float(np.sqrt(np.mean(whole**2)))
+        spread = np.sqrt(np.maximum(squares - np.sum(albedo**2, axis=2), 0)).max(axis=0)
         # Both averages may be equal and wrong, where they miss what a neighbour has.
         grids, size = albedo.reshape(2, rows, columns, 3), (1, 3, 3, 1)
         highest, lowest = ndimage.maximum_filter(grids, size), ndimage.minimum_filter(grids, size)
         contrast = (highest.max(axis=0) - lowest.min(axis=0)).max(axis=2).ravel()
-        areas = np.flatnonzero(contrast > precise * last / MISSED).astype(np.uint32)
+        areas = np.flatnonzero(np.maximum(spread, contrast) > precise * last / MISSED).astype(
+            np.uint32
+        )
+        if error <= precise or last >= most or len(areas) * last > MOST:
+            break
         first, last = last, 2 * last
+    if error > 10 * precise:
+        warnings.warn(
+            f"{what} has a texture so fine that its pixels err by {error / albedo.mean():.1e}; "
+            "give the camera more pixels",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return _fields(_by_pixel(albedo.mean(axis=0), shape, across))
 
 
 def _by_pixel(areas: Array, shape: tuple[int, int], across: int) -> Array:
@@ -134,7 +152,7 @@ def _check_uv(camera: Any, scene: Any, wall: Any, what: str) -> None:
     ray, _ = camera.sample_ray(0.0, 0.0, mi.Point2f(film), mi.Point2f(0.5, 0.5))
     si = scene.ray_intersect(ray)
     si.uv = mi.Point2f(0.3, 0.4)
-    seen = np.array(_albedo(wall, si))[:, np.array(si.is_valid())]
+    seen = np.broadcast_to(np.array(_albedo(wall, si)), (3, 1024))[:, np.array(si.is_valid())]
     if np.ptp(seen, axis=1).max() <= PRECISE * seen.max():
         raise SceneError(
             f"{what} has a texture, and its mesh no UV coordinates; unwrap the mesh (in Blender: "

@@ -158,9 +158,9 @@ def _is_even(colors: list[Array], everywhere: Array, diffuse: bool, what: str) -
     place to place unless it is diffuse.
     """
     facing, color, *tilted = colors
-    if not (np.isfinite(facing + color).all() and facing.any()):
+    if not (np.isfinite(facing + color).all() and facing.any() and color.min() >= 0):
         raise SceneError(
-            f"{what} reflects nothing to the camera, or no finite number; turn its front to the "
+            f"{what} reflects nothing to the camera, or no number from 0 on; turn its front to the "
             "camera or make it two-sided"
         )
     # What the wall reflects sideways, over what it reflects along the normal, is one number.

@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+
+from periscopy_sim.analytic.area_transport import area_transport
+from periscopy_sim.analytic.point_light import point_light_backgrounds
+from periscopy_sim.errors import SceneError
+from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.rendering.ambient.background import render_background
+from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.transport.bounced import render_bounced_light
+from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.variant import mi
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.shipped import find_scene
+from tests.scenes.materials import bitmap, checkered, diffuse
+
+TILES = checkered("0.8, 0.8, 0.3", "0.2, 0.1, 0.3", 9)
+
+
+def pictures_of(path, *, seeds=4):
+    """Photographs of a file by Mitsuba alone, of one bounce."""
+    scene = mi.load_file(str(path))
+    traced = mi.load_dict({"type": "path", "max_depth": 2})
+    return np.array(
+        [np.array(mi.render(scene, integrator=traced, spp=1 << 14, seed=k)) for k in range(seeds)]
+    )
+
+
+def error(found, pictures):
+    """Root mean square over the mean, what the pictures' own noise makes of it taken off."""
+    mean = pictures.mean(axis=0).reshape(-1, 3)
+    noise = pictures.var(axis=0, ddof=1).mean() / len(pictures)
+    return np.sqrt(max(np.mean((found - mean) ** 2) - noise, 0)) / mean.mean()
+
+
+@pytest.mark.parametrize("texture", [TILES, checkered("0.8, 0.7, 0.3", "0.2, 0.1, 0.3", 150)])
+def test_a_times_the_pixels_colour_is_the_photograph_of_a_textured_wall(room, texture):
+    board = room.cube((0.45, 0.5, 0.3), (0.05, 0.01, 0.05))
+    parts = {"wall": room.wall(diffuse(texture)), "monitor": room.monitor(room.area)}
+    pictures = pictures_of(room.write(board, **parts))
+    seen, white = room.load(board, **parts).averaged(6), np.ones((6, 3))
+    # One albedo of each point for three channels: in pixels of 7 cm an error of half a percent.
+    for A in (area_transport(seen), render_transport(seen, samples=16, seed=1)):
+        assert error(seen.channel_gain * (A @ white), pictures) < 1e-2
+    channels = [Scenario(seen.view.of_channel(c), seen.hidden) for c in range(3)]
+    exact = np.stack([area_transport(each).sum(axis=1) for each in channels], axis=1)
+    assert error(exact, pictures) < 1e-3
+
+
+def test_albedo_follows_a_camera_that_moves_over_a_texture(room):
+    wall = room.wall(diffuse(TILES))
+    camera = '<default name="dx" value="0"/>' + room.camera().replace(
+        "</transform>", '<translate x="$dx"/></transform>', 1
+    )
+    path = room.write(wall=wall, camera=camera)
+    moved = load_scenario(path, (2, 3)).averaged(2).at(dx=0.05).view
+    anew = load_scenario(path, (2, 3), {"dx": "0.05"}).averaged(2).view
+    for name in ("reflectance", "texture"):
+        np.testing.assert_allclose(getattr(moved, name), getattr(anew, name), atol=5e-3)
+    still = load_scenario(path, (2, 3)).view
+    assert np.abs(still.reflectance - moved.reflectance).max() > 0.1
+
+
+def test_smooth_light_is_that_of_the_even_wall_times_its_paint(room):
+    seen = room.load(wall=room.wall(diffuse(TILES)), monitor=room.monitor(room.area))
+    even = Scenario(seen.view.even, seen.hidden)
+    np.testing.assert_allclose(
+        point_light_backgrounds(seen), point_light_backgrounds(even) * seen.paint, rtol=1e-6
+    )
+    ambient = [render_background("ambient/overcast", each, target=0.05) for each in (seen, even)]
+    on_texture, on_even = (each.photograph.reshape(-1, 3) for each in ambient)
+    np.testing.assert_allclose(
+        on_texture / seen.channel_gain, on_even / even.channel_gain * seen.paint, rtol=1e-5
+    )
+    bounced, plain = (render_bounced_light(each, target=0.1) for each in (seen, even))
+    np.testing.assert_allclose(bounced.over_wall, plain.over_wall * seen.paint, rtol=1e-5)
+
+
+def test_dark_colours_leave_finite_gains_and_rows_of_little_weight(room):
+    view = room.load(wall=room.wall(diffuse(checkered("1, 0, 0", "0.5", 3)))).view
+    assert 0 < view.albedo.min() < 1e-3
+    assert 0.3 < view.channel_gain.min() < view.channel_gain.max() < 1e5
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "reason"),
+    [
+        ("black", 0.0, "reflects nothing"),
+        ("negative", -0.2, "no number from 0 on"),
+        ("unknown", np.nan, "no number from 0 on|NaN"),
+    ],
+)
+def test_texture_without_a_mean_is_refused(room, name, values, reason):
+    albedo = np.full((8, 8, 3), 0.5, np.float32) * (name != "black")
+    albedo[2:6, 2:6] = values
+    mi.Bitmap(albedo).write(str(room.folder / f"{name}.exr"))
+    with pytest.raises(SceneError, match=reason):
+        room.load(wall=room.wall(diffuse(bitmap("reflectance", f"{name}.exr"))))
+
+
+def test_texture_that_a_cannot_represent_is_refused(room):
+    with pytest.raises(SceneError, match=r"missing\.png"):
+        room.load(wall=room.wall(diffuse(bitmap("reflectance", "missing.png"))))
+    glossy = checkered("0.8", "0.2", 9, name="diffuse_reflectance")
+    with pytest.raises(SceneError, match="from place to place"):
+        room.load(wall=room.wall(f'<bsdf type="roughplastic">{glossy}</bsdf>'))
+    corners = "".join(f"v {x} 1 {z}\n" for x, z in ((-1, -1), (2, -1), (2, 2), (-1, 2)))
+    (room.folder / "wall.obj").write_text(corners + "f 1 2 3\nf 1 3 4\n")
+    mesh = '<shape type="obj" id="wall"><string name="filename" value="wall.obj"/>{}</shape>'
+    with pytest.raises(SceneError, match="no UV coordinates"):
+        room.load(wall=mesh.format(f'<bsdf type="twosided">{diffuse(TILES)}</bsdf>'))
+
+
+def test_hidden_image_is_recovered_from_a_textured_wall(tmp_path):
+    text = find_scene("chair").read_text("utf-8")
+    plain = '<rgb name="reflectance" value="0.8"/>'
+    (tmp_path / "tiles.xml").write_text(text.replace(plain, TILES.replace('"9"', '"50"'), 1))
+    errors = []
+    for scene in ("chair", tmp_path / "tiles.xml"):
+        seen = load_scenario(scene, (6, 8), {"resolution": "40"})
+        f = np.random.default_rng(0).random((48, 3))
+        A, B = area_transport(seen.averaged(3)), point_light_backgrounds(seen)
+        light = np.linspace(1, 2, 1600)[:, None] * seen.paint / seen.paint.mean()
+        y = seen.channel_gain * (A @ f + 5 * A.mean() * light)
+        y += np.random.default_rng(1).normal(0, 1e-3 * y.mean(), y.shape)
+        image = NoiseAware.for_scene(seen, A, B).reconstruct(y.reshape(40, 40, 3))
+        errors.append(np.sqrt(np.mean((image.reshape(-1, 3) - f) ** 2)))
+    assert errors[1] < 1.5 * errors[0]
