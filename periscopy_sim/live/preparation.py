@@ -81,20 +81,18 @@ class Preparation:
     """
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
-        self.size, self.colour_matrix = first.size, companions.colour_matrix
+        self.shape, self.colour_matrix = first.pixels.shape, companions.colour_matrix
         decoded = list[str]()
         if isinstance(first.values, SensorImage):
             light = first.values
         else:
             table = _table(first.values.dtype, first.encoding)
-            full = (first.values == len(table) - 1).any(axis=2)
-            light = sensor_image(table[first.values], "the frame", saturated=full)
+            light = sensor_image(table[first.values], "the frame", np.inf, first.saturated)
             curve = (
                 "decoded by the sRGB curve; if the camera sends linear light, declare them linear"
             )
             how = "taken as linear light" if first.encoding == LINEAR else curve
             decoded.append(f"{8 * first.values.dtype.itemsize}-bit frames, {how}")
-        self._channels = light.values.shape[2]
         areas = film_areas(light, scenario, companions.marks, companions.mask)
         self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
         self.mask = used_pixels(self._areas.kinds | areas.excluded)
@@ -103,7 +101,7 @@ class Preparation:
             self._offset = self._averaged(companions.dark, "the dark frame")
         self.monitor_off = {
             name: each.values.astype(np.float64)
-            if each.size == self.mask.shape != self.size
+            if each.size == self.mask.shape != first.size
             else self._averaged(each, name) - self._offset
             for name, each in companions.monitor_off.items()
         }
@@ -119,17 +117,12 @@ class Preparation:
             full = saturated[..., 0] > 0
         else:
             table = _table(frame.values.dtype, frame.encoding)
-            light, full = self._areas.average_codes(frame.values, table, len(table) - 1)
+            light, full = self._areas.average_codes(frame.values, table, frame.largest)
             values = light.astype(np.float64)
-        if values.shape[2] != self._channels:
-            raise PhotographError(
-                f"a frame has {values.shape[2]} channels, the first one {self._channels}; give "
-                "frames of one camera"
-            )
         return PreparedFrame(values - self._offset, full & self.mask)
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:
-        check_same_size(picture.size, self.size, name)
+        check_same_size(picture.values.shape, self.shape, name)
         return self._areas.average(picture.values)
 
 
