@@ -38,6 +38,7 @@ DIFFUSE = "diffuse", "null"
 SIGNIFICANT = 3.0
 """Standard deviations of the noise of all pixels' mean that a white surface's light exceeds."""
 
+
 def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
     """Reject ids of a scene's hidden surfaces or cameras that cannot be parts of files' names."""
     for name in names:

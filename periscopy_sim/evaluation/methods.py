@@ -148,7 +148,8 @@ def plan_for(
     """
     wants_rays = name in METHODS and METHODS[name].rays and by is None
     samples = samples or (RAYS if wants_rays else None)
-    return plan_transport(scenario, noise or NOISE, by=by, samples=samples, seed=seed)
+    noise = NOISE if noise is None else noise
+    return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
 
 
 def check_rank(

@@ -205,8 +205,11 @@ class SizedLaboratory:
         entry, truth, photograph = METHODS.get(choice.method), None, self._given_photograph
         if photograph is None:
             noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
-        else:  # averages of frames have less than the first one
-            noise = min(relative_noise(photograph), np.inf if wall is None else NOISE)
+        else:
+            known = relative_noise(photograph)
+            noise = NOISE if known is None else known
+            if wall is not None:  # of a first frame, whose averages will have less
+                noise = min(noise, NOISE)
 
         def transport(name: str) -> tuple[TransportPlan, Any]:
             """Return A for a method, and its plan."""
@@ -224,20 +227,18 @@ class SizedLaboratory:
             photograph = self._expose(choice, truth, scenario, transport(DEFAULT)[1])
         plan, A = transport(choice.method)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
-        counts = entry is not None and entry.uncertain
-        uncertain, notes = kept("errors", values, lambda: scene_uncertainty(scenario))
+        # The effect of a scene's errors takes as long as all else, too long for a hand that moves.
+        counts = entry is not None and entry.uncertain and not self.is_coarse
+        uncertain, notes = scene_uncertainty(scenario) if counts else (None, list[Note]())
 
         def fitted() -> StillMethod[Any]:
-            method = fit_method(
-                choice.method, scenario, A, B, photograph, uncertain if counts else None
-            )
+            method = fit_method(choice.method, scenario, A, B, photograph, uncertain)
             check_rank(method, scenario, plan.samples, photograph.pixels, self._seed)
             return method
 
         key = choice.method, values, plan, photograph.conditions
         method = kept("method", key, fitted)
         unless_overtaken()
-        notes = [*notes] if counts else []
         if plan.error > max(noise, PRECISION):
             errors = {"error": 100 * plan.error, "noise": 100 * noise, "model": plan.by}
             notes.append(Note("transport_error", {"name": "A", **errors}))

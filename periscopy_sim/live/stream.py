@@ -16,7 +16,13 @@ import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
-from periscopy_sim.live.pictures import Choice, FrameMethod, LivePictures, Overtaken, SizedLaboratory
+from periscopy_sim.live.pictures import (
+    Choice,
+    FrameMethod,
+    LivePictures,
+    Overtaken,
+    SizedLaboratory,
+)
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs.marks import WallTags
@@ -69,8 +75,8 @@ class Stream:
     `form_anew` is called when methods must be formed anew; they arrive by `use`. `describe` returns
     a report's sentences, `verdict` the latest one on the scene. `ended` is set by `stop`, when the
     source has ended and its last average is shown in full size, or by an error, then the `fault`:
-    of the source, of `show`, or of the first two frames, which no later one of their size would
-    mend.
+    of the source, of which no frame could be shown, of `show`, or of the first two frames, which
+    no later one of their size would mend.
     """
 
     def __init__(
@@ -102,6 +108,7 @@ class Stream:
         self.shown, self.notice = 0, "waiting for the first frame"
         self._lines, self._expires = list[str](), 0.0
         self._is_rejected = False  # no method of full size can be formed of what there is
+        self._is_over = False  # no other frame will come, nor a better method for the last one
         self._refusal = ""  # why the latest frame cannot be prepared
 
     def start(self) -> None:
@@ -234,8 +241,8 @@ class Stream:
                 self._averaged.put(item)
         with self._changed:  # the last average is shown in full size
             self._changed.wait_for(self._is_final)
-        if self._formed is None:
-            self.stop()
+            self._is_over = True
+            self._changed.notify_all()
         self._averaged.close()
 
     def _is_final(self) -> bool:
@@ -305,8 +312,11 @@ class Stream:
             if not is_again:
                 self.latencies.append(time.monotonic() - arrived)
                 self.shown += 1
-        if self.verdict is None and not self.ended.is_set():  # a short recording
-            self._judge()
+        if not self.ended.is_set():  # the source has ended
+            if self.verdict is None:
+                self._judge()
+            if not self.shown:
+                self.fault = PeriscopyError(f"no frame was shown: {self.notice}")
         self.stop()
 
     def _status(self) -> list[str]:
@@ -334,7 +344,9 @@ class Stream:
                     self.verdict = verdict
 
     def _method(self) -> FrameMethod | None:
-        """Wait for a method; None after `stop`."""
+        """Wait for a method; None after `stop`, or where none will come."""
         with self._changed:
-            self._changed.wait_for(lambda: self._formed is not None or self.ended.is_set())
+            self._changed.wait_for(
+                lambda: self._formed is not None or self._is_over or self.ended.is_set()
+            )
             return None if self.ended.is_set() else self._formed
