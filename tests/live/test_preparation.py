@@ -54,7 +54,7 @@ def test_codes_are_prepared_as_prepare_does_it_with_a_photograph(scenario):
     linear = Preparation(CameraFrame(CODES, LINEAR), scenario, Companions(black=16))
     blocks = CODES.reshape(24, 4, 24, 4, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(linear(CameraFrame(CODES, LINEAR)).values, blocks - 16, rtol=1e-5)
-    with pytest.raises(PhotographError, match="the dark frame: 3 channels, .* has 1"):
+    with pytest.raises(PhotographError, match="the dark frame: 3 channels"):
         Preparation(CameraFrame(CODES[..., :1]), scenario, companions)
     with pytest.raises(PhotographError, match="100 x 96"):
         Preparation(CameraFrame(np.ones((100, 96, 3), np.uint8)), scenario, Companions())
