@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Condition, Event
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,35 +61,17 @@ class CameraFrame:
         return self.values.values if isinstance(self.values, SensorImage) else self.values
 
     @property
-    def size(self) -> tuple[int, int]:
-        """(rows, columns)."""
-        rows, columns, _ = self.pixels.shape
-        return rows, columns
+    def full(self) -> int:
+        """The code from which on a pixel is saturated."""
+        most = np.iinfo(self.pixels.dtype).max
+        return most if self.white is None else int(np.ceil(self.white))
 
     @property
     def saturated(self) -> Mask:
         """(rows, columns) bool, where a channel is saturated."""
         if isinstance(self.values, SensorImage):
             return self.values.saturated
-        return np.asarray((self.values >= self.largest).any(axis=2))
-
-    @property
-    def largest(self) -> int:
-        """The code from which on a pixel is saturated."""
-        whole = np.iinfo(self.pixels.dtype).max
-        return whole if self.white is None else int(np.ceil(self.white))
-
-
-class FrameSource(Protocol):
-    """Where frames come from; `dropped` counts those that the source itself left out."""
-
-    dropped: int
-
-    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame | PhotographError]:
-        """Yield frames until the source ends, or `stopped` is set; `say` reports in one line.
-
-        A frame that is no photograph comes as its error.
-        """
+        return np.asarray((self.values >= self.full).any(axis=2))
 
 
 class Latest(Generic[Item]):
@@ -135,7 +117,7 @@ class Latest(Generic[Item]):
 
 def open_source(
     source: Any, *, linear: bool = False, white: float | None = None, has_black: bool = False
-) -> FrameSource:
+) -> "FolderSource | FunctionSource":
     """Return the source that a folder is, or a function, itself or as ``file.py:function``.
 
     With `linear`, integers of a function are linear light. `white` is the value from which on a
@@ -167,7 +149,10 @@ class FileVersion(NamedTuple):
 
 
 class FolderSource:
-    """A folder into which a camera writes photographs, of one format; the newest one counts."""
+    """A folder into which a camera writes photographs, of one format; the newest one counts.
+
+    `dropped` counts those that it left out for a newer one.
+    """
 
     def __init__(
         self, folder: Path, white: float | None = None, *, has_black: bool = False
@@ -179,8 +164,8 @@ class FolderSource:
         self._format = ""
         self._old: set[FileVersion] | None = None  # there at the first look
 
-    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame | PhotographError]:
-        """Yield the newest whole photograph at each look; see `FrameSource`."""
+    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
+        """Yield the newest whole photograph at each look; `say` reports a fault in one line."""
         said, is_lost = set[str](), False
 
         def say_once(text: str) -> None:
@@ -277,7 +262,7 @@ class FunctionSource:
         self._encoding, self._white = encoding, white
 
     def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame | PhotographError]:
-        """Yield what the function returns; see `FrameSource`."""
+        """Yield what the function returns, or the error of what is no photograph."""
         is_first = True
         while not stopped.is_set():
             with own_errors(f"camera '{self._name}' failed"):

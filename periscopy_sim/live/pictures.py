@@ -205,11 +205,9 @@ class SizedLaboratory:
         entry, truth, photograph = METHODS.get(choice.method), None, self._given_photograph
         if photograph is None:
             noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
-        else:
-            known = relative_noise(photograph)
+        else:  # averages of frames to come have less than the present one
+            known = None if wall is not None else relative_noise(photograph)
             noise = NOISE if known is None else known
-            if wall is not None:  # of a first frame, whose averages will have less
-                noise = min(noise, NOISE)
 
         def transport(name: str) -> tuple[TransportPlan, Any]:
             """Return A for a method, and its plan."""

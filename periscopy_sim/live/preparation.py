@@ -101,7 +101,7 @@ class Preparation:
             self._offset = self._averaged(companions.dark, "the dark frame")
         self.monitor_off = {
             name: each.values.astype(np.float64)
-            if each.size == self.mask.shape != first.size
+            if each.size == self.mask.shape != self.shape[:2]
             else self._averaged(each, name) - self._offset
             for name, each in companions.monitor_off.items()
         }
@@ -117,7 +117,7 @@ class Preparation:
             full = saturated[..., 0] > 0
         else:
             table = _table(frame.values.dtype, frame.encoding)
-            light, full = self._areas.average_codes(frame.values, table, frame.largest)
+            light, full = self._areas.average_codes(frame.values, table, frame.full)
             values = light.astype(np.float64)
         return PreparedFrame(values - self._offset, full & self.mask)
 

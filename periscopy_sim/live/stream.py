@@ -15,7 +15,7 @@ from threading import Condition, Event, RLock, Thread
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
+from periscopy_sim.live.frames import CameraFrame, FolderSource, FunctionSource, Latest
 from periscopy_sim.live.pictures import (
     Choice,
     FrameMethod,
@@ -81,7 +81,7 @@ class Stream:
 
     def __init__(
         self,
-        source: FrameSource,
+        source: FolderSource | FunctionSource,
         scenario: Scenario,
         companions: Companions | None = None,
         count: int = 1,

@@ -220,7 +220,7 @@ def test_what_is_no_frame_comes_as_its_error(frame, reason, said, stopped):
     shots = iter([frame, np.ones((4, 4, 3)), None])
     got = [*open_source(shots.__next__).frames(stopped, said.append)]
     assert isinstance(got[0], PhotographError) and reason in str(got[0])
-    assert got[1].size == (4, 4) and not said
+    assert got[1].pixels.shape == (4, 4, 3) and not said
 
 
 def test_saturation_is_declared_or_a_plateau_is_named(said, stopped):
