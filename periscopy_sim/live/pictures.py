@@ -161,12 +161,17 @@ class SizedLaboratory:
         self._given_photograph = photograph and averaged_photograph(photograph, shape)
         self._kept: dict[str, tuple[object, Any]] = {}
 
-    def pictures(self, choice: Choice, unless_overtaken: Callable[..., None]) -> LivePictures:
+    def pictures(
+        self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
+    ) -> LivePictures:
         """Compute the pictures of a choice; a PeriscopyError says what of it does not exist.
 
-        It often calls `unless_overtaken`, with any arguments, which may raise `Overtaken`.
+        It often calls `unless_overtaken`, with any arguments, which may raise `Overtaken`. A
+        photograph `wall` becomes the given one.
         """
         start = time.perf_counter()
+        if wall is not None:
+            self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
         formed = self.form(choice, unless_overtaken)
         scenario, method, photograph = formed.scenario, formed.method, formed.wall
         with own_errors(choice.method, "failed"):
@@ -187,7 +192,7 @@ class SizedLaboratory:
     def form(
         self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
     ) -> FrameMethod:
-        """Form the method of a choice, as `pictures` does; a photograph becomes the given one."""
+        """Form the method of a choice; an average of frames, `wall`, becomes the photograph."""
         if wall is not None:
             self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
 

@@ -166,8 +166,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
         def saved(shown: Any) -> None:
             if stream is not None:  # a method: of the present average, with standard errors
-                full.form(shown.choice, lambda *_: None, stream.wall or shown.wall)
-                shown = full.pictures(shown.choice, lambda *_: None)
+                shown = full.pictures(shown.choice, lambda *_: None, stream.wall or shown.wall)
             self.page.report(save(shown))
 
         self.page.save = lambda: self._laboratory.save(saved)

@@ -157,9 +157,9 @@ class Recorder:
                 table = csv.DictWriter(file, [*row], extrasaction="ignore", lineterminator="\n")
                 self._file, self._table = file, table
                 table.writeheader()
-            for stem, image in images.items():
-                if stem not in self._stacks:
+                for stem, image in images.items():
                     self._stacks[stem] = GrowingStack(self._folder / f"{stem}.npy", image.shape)
+            for stem, image in images.items():
                 self._stacks[stem].append(image)
             self._table.writerow(row)
             self._file.flush()
