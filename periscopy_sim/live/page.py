@@ -117,7 +117,7 @@ class Page:
     def show(self, pictures: LivePictures, *lines: str) -> None:
         """Show pictures with their captions and notes, and lines on a stream."""
         size = "coarse" if pictures.is_coarse else "full"
-        notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
+        notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.1f} s"
         panels = [each.look() for each in panels_of(pictures)]
         # A scene that has not moved keeps its occluders, and shows some of a stream's frames.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
