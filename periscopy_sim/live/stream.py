@@ -6,7 +6,7 @@ so that no picture is late.
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
@@ -138,9 +138,18 @@ class Stream:
             return None if self._frames is None else self._frames.photograph()
 
     @property
-    def record(self) -> Mapping[str, object]:
-        """The numbers of the view by marks, for metadata; none before the first frame."""
-        return {} if self._frames is None else self._frames.prepare.record
+    def record(self) -> dict[str, object]:
+        """The stream's numbers for metadata, with those of the view by marks and the verdict."""
+        view = {} if self._frames is None else self._frames.prepare.record
+        judged = self.verdict and self.verdict.residual
+        return {
+            "frames_shown": self.shown,
+            "frames_dropped": self.dropped,
+            "median_latency": median(self.latencies) if self.latencies else None,
+            "average": self.count,
+            **view,
+            **(judged.numbers() if judged else {}),
+        }
 
     def form(
         self, laboratory: SizedLaboratory, choice: Choice, unless_overtaken: Callable[..., None]

@@ -4,7 +4,6 @@ import csv
 import os
 from contextlib import closing
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
@@ -169,18 +168,7 @@ class Recorder:
         """Write the summary of the frames, if there are any."""
         if self._file is None:
             return
-        latencies, report = [*self._stream.latencies], self._stream.verdict
-        judged = report and report.residual
-        summary = {
-            "source": self._source,
-            "frames": self._count,
-            "frames_shown": self._stream.shown,
-            "frames_dropped": self._stream.dropped,
-            "median_latency": median(latencies) if latencies else None,
-            "average": self._stream.count,
-            **self._stream.record,
-            **(judged.numbers() if judged else {}),
-        }
+        summary = {"source": self._source, "frames": self._count, **self._stream.record}
         with unwritable_reported(self._folder), closing(self._file):
             for stack in self._stacks.values():
                 stack.close()
