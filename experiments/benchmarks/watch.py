@@ -2,20 +2,19 @@
 
 `python -m experiments.benchmarks.watch --out DIR [--seconds 60] [--memory FILE]` writes
 `index.html`, `latencies.csv`, `memory.csv` and `watch_speed.png`, whose memory is that of FILE, an
-earlier `memory.csv`, if given. A camera of this machine serves MJPEG at 30 frames a second: the
+earlier `memory.csv`, if given. A function returns codes of 8 bits at 30 frames a second: the
 chair's wall, seen aslant, with noise. A reader takes the page's messages; then headless Chromium
-does, on the same cores. It needs what `live` needs, PyAV and psutil.
+does, on the same cores. It needs what `live` needs, and psutil.
 """
 
 from __future__ import annotations
 
 import csv
-import io
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import count
 from pathlib import Path
 from threading import Event, Thread
 from typing import Annotated, Any
@@ -23,7 +22,7 @@ from typing import Annotated, Any
 import numpy as np
 import psutil
 import typer
-from PIL import Image
+from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from websockets.sync.client import connect
 
@@ -72,8 +71,8 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
     pictures, points = frames_of(scene)
     process, latencies, resident = psutil.Process(), list[Sequence[float]](), []
     offered = (), ["noise-aware"], lambda _: "", lambda _: []
-    with camera(pictures) as url, chromium() as browser:
-        stream = Stream(open_source(url), scene, Companions(points), 30, print)
+    with chromium() as browser:
+        stream = Stream(open_source(camera(pictures)), scene, Companions(points), 30, print)
         with LiveSession(scene, Choice({}, ""), *offered, stream=stream) as session:
             show = stream.show
 
@@ -206,8 +205,8 @@ def reader(url: str) -> Iterator[None]:
         thread.join(10)
 
 
-def frames_of(scene: ps.Scenario, count: int = 6) -> tuple[list[bytes], ps.WallPoints]:
-    """Return JPEG frames of a camera that sees the wall aslant, and points of the wall in them."""
+def frames_of(scene: ps.Scenario, number: int = 6) -> tuple[list[NDArray[np.uint8]], ps.WallPoints]:
+    """Return frames of a camera that sees the wall aslant, and points of the wall in them."""
     n, plane = scene.photograph_shape[0], wall_plane(scene)
     corners = np.array([[0, 0], [n, 0], [n, n], [0, n]], float)
     to_pixels = fit_homography(corners, np.array(CORNERS, float))
@@ -220,47 +219,25 @@ def frames_of(scene: ps.Scenario, count: int = 6) -> tuple[list[bytes], ps.WallP
     light = np.stack(
         [map_coordinates(wall[..., c], places.T, order=1, mode="nearest") for c in range(3)], -1
     ).reshape(*SIZE, 3)
-    random, files = np.random.default_rng(0), list[bytes]()
-    for _ in range(count):
-        file = io.BytesIO()
-        noisy = srgb_bytes(light * (1 + random.normal(0, 0.02, light.shape)))
-        Image.fromarray(noisy).save(file, "JPEG", quality=92)
-        files.append(file.getvalue())
+    random = np.random.default_rng(0)
+    noisy = (light * (1 + random.normal(0, 0.02, light.shape)) for _ in range(number))
+    frames = [srgb_bytes(each) for each in noisy]
     marked = np.array([[10, 10], [116, 10], [116, 116], [10, 116], [63, 20], [20, 70]], float)
     on_wall, frame = project(plane.film, marked), plane.frame
     positions = frame.center + on_wall[:, :1] * frame.across + on_wall[:, 1:] * frame.up
-    return files, ps.WallPoints(project(to_pixels, marked), positions)
+    return frames, ps.WallPoints(project(to_pixels, marked), positions)
 
 
-@contextmanager
-def camera(files: list[bytes]) -> Iterator[str]:
-    """Serve JPEG files in turn as MJPEG, `RATE` a second; yield the address."""
+def camera(frames: list[NDArray[np.uint8]]) -> Callable[[], NDArray[np.uint8]]:
+    """Return a function that returns frames in turn, `RATE` a second."""
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "multipart/x-mixed-replace;boundary=b")
-            self.end_headers()
-            start = time.monotonic()
-            try:
-                for k in range(10**9):
-                    time.sleep(max(0.0, start + k / RATE - time.monotonic()))
-                    file = files[k % len(files)]
-                    head = f"--b\r\nContent-Type: image/jpeg\r\nContent-Length: {len(file)}\r\n\r\n"
-                    self.wfile.write(head.encode() + file + b"\r\n")
-            except OSError:  # the watcher has gone
-                return
+    def paced() -> Iterator[NDArray[np.uint8]]:
+        start = time.monotonic()
+        for k in count():
+            time.sleep(max(0.0, start + k / RATE - time.monotonic()))
+            yield frames[k % len(frames)]
 
-        def log_message(self, *_: object) -> None:
-            """Print nothing."""
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        server.daemon_threads = True
-        Thread(target=server.serve_forever, daemon=True).start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}/"
-        finally:
-            server.shutdown()
+    return paced().__next__
 
 
 def main(

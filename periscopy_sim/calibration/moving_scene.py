@@ -11,14 +11,16 @@ from periscopy_sim.analytic.area_transport import (
     Outlines,
     area_derivatives,
     area_transport,
+    has_areas,
     ways_to,
 )
-from periscopy_sim.calibration.prior import check_error, start_values
-from periscopy_sim.calibration.scene_covariance import SceneCovariance
+from periscopy_sim.calibration.prior import check_error, free_parameters, start_values
+from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.view import View
 
@@ -159,3 +161,21 @@ def uncertain_transport(
         return np.asarray(smooth.reshape(len(names), np.prod(shape), -1))
 
     return UncertainTransport(names, directions, slopes)
+
+
+def scene_uncertainty(scenario: Scenario) -> tuple[UncertainTransport | None, list[Note]]:
+    """Return what the errors that a scene states do to light, for `NoiseAware`, and notes on them.
+
+    They are its calibration's, else the declared ones. None: it states none, calibrated values have
+    changed since, or the scene has no closed form; a note says which of the latter two.
+    """
+    document, of = scenario.document, {"scene": scenario.path.name}
+    known, notes = scene_covariance(document), list[Note]()
+    if known and (changed := ", ".join(known.changed(document))):
+        return None, [*notes, Note("uncounted", {**of, "names": changed})]
+    errors = known or free_parameters(document)
+    if not (known.names if known else errors):
+        return None, notes
+    if not has_areas(scenario):
+        return None, [*notes, Note("no_derivatives", of)]
+    return uncertain_transport(scenario, errors), notes

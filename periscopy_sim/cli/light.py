@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from periscopy_sim.rendering.transport.plan import By, TransportPlan
     from periscopy_sim.storage.transport_matrix import Transport
 
-SAMPLES = 16
-"""Rays to a patch for methods whose entry asks for rays, as of `render_transport`."""
-
 GRID = "grid"
 """Names Eq. 4's point lights on the paper's grid."""
 
@@ -84,14 +81,12 @@ class MonitorLight(options.OptionGroup):
     def plan(
         self, scenario: ps.Scenario, noise: float | None, seed: int = 0, method: str = DEFAULT
     ) -> "TransportPlan":
-        """Choose how A is made for a method and photographs of some noise; see `plan_transport`."""
-        from periscopy_sim.rendering.transport.plan import NOISE, plan_transport
+        """Choose how A is made for a method and photographs of some noise; see `plan_for`."""
+        from periscopy_sim.evaluation.methods import plan_for
 
         ways: dict[Model | None, By] = {Model.analytic: "areas", Model.rendered: "rays"}
-        wants_rays = method in METHODS and METHODS[method].rays and self.model is None
-        by, samples = ways.get(self.model), self.samples or (SAMPLES if wants_rays else None)
-        noise = NOISE if noise is None else noise
-        return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
+        by = ways.get(self.model)
+        return plan_for(method, scenario, noise, by=by, samples=self.samples, seed=seed)
 
     def transport(
         self, scenario: ps.Scenario, plan: "TransportPlan", seed: int, strata: Strata = "jittered"

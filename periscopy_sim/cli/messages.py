@@ -81,10 +81,6 @@ SENTENCES = {
         "of {other} nearly square: check the order"
     ),
     "hardly_seen": "the photograph hardly shows {name}: {percent:.2g} % of the light, if white",
-    "no_rank": (
-        "A has almost no rank beside the grain of {samples} rays, in which P loses {percent:.0f} % "
-        "of a white image; use the method noise-aware, or more --samples"
-    ),
     "glossy": "{scene}: {names} ({materials}) counts as diffuse, and the image may be wrong",
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",
     "other_lights": (
@@ -93,8 +89,8 @@ SENTENCES = {
     ),
     "no_record": "{file} has no JSON file beside it: it may be of another scene",
     "uncounted": (
-        "{scene}: {names} changed since the calibration, so its errors do not count; pass "
-        "--uncertain"
+        "{scene}: {names} changed since the calibration, so its errors do not count; reconstruct "
+        "--uncertain NAME=ERROR states others"
     ),
     "no_best": "no point is best: no scene determines all patches; choose fewer (--hidden)",
     "empty_splits": "no geometry is for {splits}: make more samples, or lower samples_per_geometry",

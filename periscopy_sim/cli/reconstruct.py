@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.prior import free_parameters
-from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options, output
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import OUTPUT, option
@@ -166,20 +164,14 @@ def _of_views(
 
 def uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
     """Return what errors do to light: those named, else a calibration's, else the declared ones."""
-    from periscopy_sim.analytic.area_transport import has_areas
+    from periscopy_sim.calibration.moving_scene import scene_uncertainty
 
-    scenario, scene = session.scenario, session.scene
-    known = None if given else scene_covariance(scenario.document)
-    if known and (changed := ", ".join(known.changed(scenario.document))):
-        session.warn(messages.sentence("uncounted", scene=scene, names=changed))
-        return None
-    errors = known or given or free_parameters(scenario.document)
-    if not (known.names if known else errors):
-        return None
-    if given or has_areas(scenario):
-        return ps.uncertain_transport(scenario, errors)
-    output.say(messages.sentence("no_derivatives", scene=scene))
-    return None
+    if given:
+        return ps.uncertain_transport(session.scenario, given)
+    uncertain, notes = scene_uncertainty(session.scenario)
+    for note in notes:
+        session.warn(messages.sentence(note.code, **note.values))
+    return uncertain
 
 
 def write_report(

@@ -17,13 +17,13 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.prior import distant_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
-from periscopy_sim.cli.light import SAMPLES, Light, check_memory
+from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.messages import colour, sentence
 from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
-from periscopy_sim.reconstruction.registry import DEFAULT
+from periscopy_sim.reconstruction.registry import DEFAULT, RAYS
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.scene import CAMERA
@@ -37,10 +37,6 @@ DIFFUSE = "diffuse", "null"
 
 SIGNIFICANT = 3.0
 """Standard deviations of the noise of all pixels' mean that a white surface's light exceeds."""
-
-LEAST_LIGHT = 0.25
-"""Mean of P A f of a white f, by other rays, below which it is A's grain that has rank. By 16 rays
-it is 0.7 to 1 on chair, plate, plant and corner, 0.04 to 0.19 on the doorway."""
 
 
 def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
@@ -267,7 +263,7 @@ class Session(options.OptionGroup):
             return "a --hidden of more patches, or a film of more pixels"
         if has_areas(self.scenario):
             return "--model analytic"
-        return f"--samples {4 * (origin['samples'] or SAMPLES)}"
+        return f"--samples {4 * (origin['samples'] or RAYS)}"
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
@@ -351,7 +347,7 @@ class PhotoSession(WallSession):
         uncertain: "ps.UncertainTransport | None" = None,
     ) -> "StillMethod[Any]":
         """Return a method fitted to the scene's A, of a file if one is given, B and the wall."""
-        from periscopy_sim.evaluation.methods import fit_method
+        from periscopy_sim.evaluation.methods import check_rank, fit_method
 
         colours = wall.colour_matrix and wall.colour_matrix.matrix
         self.settings |= {"method": method, **settings, "colour_matrix": colours}
@@ -363,7 +359,7 @@ class PhotoSession(WallSession):
         place = fixable(str(matrix or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
             fitted = fit_method(method, self.scenario, A, B, wall, uncertain, **settings)
-            self.check_rank(fitted, wall)
+            check_rank(fitted, self.scenario, self.record["samples"], wall.pixels, self.seed)
             return fitted
 
     def check_bounces(
@@ -389,19 +385,6 @@ class PhotoSession(WallSession):
         rest = np.sqrt(np.mean(fitted.fit.project_out(planes) ** 2, axis=1))
         if (ratio := float((rest / mean.mean(axis=1)).max()) / noise) > 1:
             self.warn(sentence("bounces", scene=self.scene, ratio=ratio))
-
-    def check_rank(self, fitted: "StillMethod[Any]", wall: ps.Photograph) -> None:
-        """Reject P of an A whose rank is but that of its rays' grain: other rays prove it."""
-        from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
-
-        samples, P = self.record["samples"], getattr(fitted, "preconditioner", None)
-        if samples is None or P is None:
-            return
-        others = RenderedTransport(self.scenario, samples, seed=self.seed + 1)
-        white = others.white(np.flatnonzero(wall.pixels))
-        if (kept := float(P.apply(white).mean())) < LEAST_LIGHT:
-            lost = sentence("no_rank", samples=samples, percent=100 * min(1 - kept, 1))
-            raise ps.PeriscopyError(f"{self.scene}: {lost}")
 
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
         """Return the session of each photograph's view, by its camera; what they share is one's."""

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, SceneError
-from periscopy_sim.evaluation.methods import MethodError, estimates_by, without_addresses
+from periscopy_sim.evaluation.methods import estimates_by, without_addresses
 from periscopy_sim.evaluation.metrics import METRICS, measured
+from periscopy_sim.evaluation.own_code import OwnError
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
 from periscopy_sim.evaluation.workers import compute, connect
 from periscopy_sim.evaluation.world import World, WorldMaker
@@ -251,7 +252,7 @@ def _evaluate(
                 values |= {n: each for n, each in measures(y).items() if n in world.measures}
         except MemoryError:  # says more about the worker than about the method
             raise
-        except MethodError as error:  # whatever a user's own method raises
+        except OwnError as error:  # whatever a user's own method raises
             failure = without_addresses(f"{type(error).__name__}: {error}")
             outcomes.append({**values, "failure": failure})
             continue

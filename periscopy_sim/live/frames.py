@@ -1,40 +1,41 @@
-"""Frames as they come: from a folder, from a video by FFmpeg's libraries, or from a function.
+"""Frames as they come: from a folder, or from a function that returns the next one.
 
 A source yields each frame as soon as it is whole. It reports a fault in one line and goes on where
 it can.
 """
 
 import os
-import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Condition, Event
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.extras import require
+from periscopy_sim.evaluation.own_code import OwnCode, own_errors
+from periscopy_sim.numerics import Mask
+from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.photograph import with_channels
+from periscopy_sim.photographs.defects import plateaus
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.formats.table import suffixes
 from periscopy_sim.storage.photographs import read_sensor_image
 
 POLL = 0.2
-"""Seconds between two looks at a folder; a file whose size stays the same between them is whole."""
+"""Seconds between two looks at a folder; a file that stays the same between them is whole."""
+
+ZEROS = 4096, 3.0
+"""Bytes at a file's end that are all 0 where a program has set the size before it writes, as copies
+over networks do; seconds that such a file must stay the same."""
 
 PATIENCE = 10.0
-"""Seconds that a file may stay unreadable, as while it is written, or a stream without a frame."""
-
-RETRIES, PAUSE = 10, 2.0
-"""Attempts to open a stream again that ended or stalled, and the seconds before each."""
-
-LINEAR_TRANSFER = 8
-"""FFmpeg's number of linear light (ITU-T H.273)."""
+"""Seconds that a file may stay unreadable, as while it is written."""
 
 Item = TypeVar("Item")
 Say = Callable[[str], None]
@@ -44,45 +45,43 @@ Say = Callable[[str], None]
 class CameraFrame:
     """One photograph of a series.
 
-    `values` are codes of 8 or 16 bits, (rows, columns, channels), of the `encoding` sRGB or linear;
-    or a `SensorImage`, linear light. `time` is that of `time.monotonic` when the frame arrived.
+    `values` are codes of 8 or 16 bits, (rows, columns, channels), of the `encoding` sRGB or linear
+    and saturated from `white` on, None for the largest; or a `SensorImage`, linear light. `time` is
+    that of `time.monotonic` when the frame arrived.
     """
 
     values: NDArray[np.unsignedinteger] | SensorImage
     encoding: str = SRGB
+    white: float | None = None
     time: float = field(default_factory=time.monotonic)
 
     @property
-    def size(self) -> tuple[int, int]:
-        """(rows, columns)."""
-        pixels = self.values.values if isinstance(self.values, SensorImage) else self.values
-        rows, columns = pixels.shape[:2]
-        return rows, columns
+    def pixels(self) -> NDArray[Any]:
+        """(rows, columns, channels) codes or light."""
+        return self.values.values if isinstance(self.values, SensorImage) else self.values
 
+    @property
+    def full(self) -> int:
+        """The code from which on a pixel is saturated."""
+        most = np.iinfo(self.pixels.dtype).max
+        return most if self.white is None else int(np.ceil(self.white))
 
-class FrameSource(Protocol):
-    """Where frames come from.
-
-    Late frames of a live source are dropped; another one, a recording, waits. `dropped` counts the
-    frames that the source itself left out.
-    """
-
-    is_live: bool
-    dropped: int
-
-    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
-        """Yield frames until the source ends, or `stopped` is set; `say` reports in one line."""
+    @property
+    def saturated(self) -> Mask:
+        """(rows, columns) bool, where a channel is saturated."""
+        if isinstance(self.values, SensorImage):
+            return self.values.saturated
+        return np.asarray((self.values >= self.full).any(axis=2))
 
 
 class Latest(Generic[Item]):
     """A place for one item between two threads: a newer item replaces it, and is counted.
 
-    With `keeps`, `put` waits for the place instead, and no item is dropped. Iterate to take the
-    items until `close`.
+    Iterate to take the items until `close`.
     """
 
-    def __init__(self, *, keeps: bool = False) -> None:
-        self.dropped, self._keeps = 0, keeps
+    def __init__(self) -> None:
+        self.dropped = 0
         self._item: Item | None = None
         self._taken: Item | None = None
         self._closed, self._changed = False, Condition()
@@ -90,8 +89,6 @@ class Latest(Generic[Item]):
     def put(self, item: Item) -> None:
         """Offer an item."""
         with self._changed:
-            if self._keeps:
-                self._changed.wait_for(lambda: self._item is None or self._closed)
             self.dropped += self._item is not None and self._item is not self._taken
             self._item = item
             self._changed.notify_all()
@@ -115,21 +112,32 @@ class Latest(Generic[Item]):
                 if (item := self._item) is None:
                     return
                 self._item, self._taken = None, item
-                self._changed.notify_all()
             yield item
 
 
-def open_source(source: Any, *, linear: bool = False, has_black: bool = False) -> FrameSource:
-    """Return the source that a folder, a video device, file or URL, or a function is.
+def open_source(
+    source: Any, *, linear: bool = False, white: float | None = None, has_black: bool = False
+) -> "FolderSource | FunctionSource":
+    """Return the source that a folder is, or a function, itself or as ``file.py:function``.
 
-    With `linear`, codes are linear light whatever the source declares; for `has_black` of a folder
-    see `read_sensor_image`. A PeriscopyError says that there is none, or it cannot be opened.
+    With `linear`, integers of a function are linear light. `white` is the value from which on a
+    pixel is saturated; None for a function: the largest of its integers' type. For a folder see
+    `read_sensor_image`. A PeriscopyError says that there is none, or it cannot be imported.
     """
+    encoding = LINEAR if linear else SRGB
     if callable(source):
-        return FunctionSource(source, LINEAR if linear else SRGB)
-    if Path(source).is_dir():
-        return FolderSource(Path(source), has_black=has_black)
-    return VideoSource(str(source), LINEAR if linear else None)
+        name = getattr(source, "__qualname__", type(source).__name__)
+        return FunctionSource(source, name, encoding, white)
+    folder, own = Path(source), OwnCode("camera", str(source))
+    if folder.is_dir():
+        return FolderSource(folder, white, has_black=has_black)
+    if not own.is_complete:
+        raise PeriscopyError(
+            f"{source}: is no folder; name a folder, or a camera as file.py:function"
+        )
+    if not callable(function := own.load()):
+        raise PeriscopyError(f"camera '{source}' is no function; name one that returns frames")
+    return FunctionSource(function, own.name, encoding, white)
 
 
 class FileVersion(NamedTuple):
@@ -141,19 +149,23 @@ class FileVersion(NamedTuple):
 
 
 class FolderSource:
-    """A folder into which a camera writes photographs, of one format; the newest one counts."""
+    """A folder into which a camera writes photographs, of one format; the newest one counts.
 
-    is_live = True
+    `dropped` counts those that it left out for a newer one.
+    """
 
-    def __init__(self, folder: Path, *, has_black: bool = False) -> None:
-        self.dropped, self._folder, self._has_black = 0, folder, has_black
+    def __init__(
+        self, folder: Path, white: float | None = None, *, has_black: bool = False
+    ) -> None:
+        self.dropped, self._folder = 0, folder
+        self._white, self._has_black = white, has_black
         self._waiting: dict[FileVersion, float] = {}  # since when
         self._done: set[FileVersion] = set()
         self._format = ""
         self._old: set[FileVersion] | None = None  # there at the first look
 
     def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
-        """Yield the newest whole photograph at each look; see `FrameSource`."""
+        """Yield the newest whole photograph at each look; `say` reports a fault in one line."""
         said, is_lost = set[str](), False
 
         def say_once(text: str) -> None:
@@ -180,12 +192,12 @@ class FolderSource:
                     break
 
     def _whole_files(self, say: Say) -> list[FileVersion]:
-        """Return the files that are new and have stopped growing, the newest first."""
+        """Return the files that are new and whole, the newest first."""
         present = set[FileVersion]()
         with os.scandir(self._folder) as entries:
             for entry in entries:
-                if entry.name[0] != "." and not entry.is_dir():
-                    with suppress(OSError):  # removed meanwhile
+                with suppress(OSError):  # removed meanwhile, or a link that leads nowhere
+                    if entry.name[0] != "." and entry.is_file():
                         state = entry.stat()
                         present.add(FileVersion(state.st_mtime_ns, entry.name, state.st_size))
         self._done &= present
@@ -202,15 +214,26 @@ class FolderSource:
                 self._done.add(version)
             else:
                 self._waiting[version] = before.get(version, now)
-        return sorted(
-            (each for each in self._waiting if each in before and each.size), reverse=True
-        )
+        same = (each for each in self._waiting if each in before and each.size)
+        return [each for each in sorted(same, reverse=True) if self._is_whole(each, now)]
+
+    def _is_whole(self, version: FileVersion, now: float) -> bool:
+        """Return whether a file that has not just changed is written to its end."""
+        count, seconds = ZEROS
+        if now - self._waiting[version] > seconds:
+            return True
+        try:
+            with (self._folder / version.name).open("rb") as file:
+                file.seek(max(0, version.size - count))
+                return any(file.read())
+        except OSError:  # removed meanwhile
+            return False
 
     def _read(self, version: FileVersion, say: Say) -> SensorImage | None:
         """Return a photograph; None for one that cannot be read, which may still be written."""
         file = self._folder / version.name
         try:
-            light, warnings = read_sensor_image(file, has_black=self._has_black)
+            light, warnings = read_sensor_image(file, self._white, has_black=self._has_black)
         except PhotographError as error:
             if time.monotonic() - self._waiting[version] > PATIENCE:
                 self._done.add(version)
@@ -224,135 +247,48 @@ class FolderSource:
         return light
 
 
-class VideoSource:
-    """A video device, a stream or a file that FFmpeg's libraries open.
-
-    A file plays at its own rate, and no frame of it is dropped; a stream that ends or stalls is
-    opened again, `RETRIES` times. `encoding` is that of the codes; None for the file's, or sRGB.
-    """
-
-    def __init__(self, place: str, encoding: str | None = None) -> None:
-        self._av = require("av")
-        self.dropped, self._place, self._encoding = 0, place, encoding
-        self.is_live = not Path(place).is_file()
-        self._container = self._open()
-
-    def _open(self) -> Any:
-        av = self._av
-        kind = "v4l2" if re.match(r"/dev/video\d", self._place) else None
-        options = {"fflags": "nobuffer"} if self.is_live else {}
-        if self._place.startswith("rtsp:"):
-            options["rtsp_transport"] = "tcp"  # UDP loses packets
-        try:
-            container = av.open(self._place, format=kind, options=options, timeout=PATIENCE)
-        except av.FFmpegError as error:
-            raise PeriscopyError(
-                f"{self._place}: {_reason(error)}; name a folder, a video, a stream or a device"
-            ) from None
-        if not container.streams.video:
-            raise PeriscopyError(f"{self._place}: holds no video; name another stream or file")
-        container.streams.video[0].thread_type = "SLICE"  # frames in parallel would be late
-        return container
-
-    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
-        """Yield the frames of the stream; see `FrameSource`."""
-        while True:
-            fault = "ended"
-            try:
-                yield from self._decoded(stopped, say)
-            except self._av.FFmpegError as error:
-                fault = f"broke off ({_reason(error)})"
-            finally:
-                self._container.close()
-            if stopped.is_set() or not self.is_live:
-                if fault != "ended":
-                    say(f"{self._place}: the video {fault}")
-                return
-            say(f"{self._place}: the stream {fault}; opening it again")
-            if not self._reopened(stopped, say):
-                return
-
-    def _reopened(self, stopped: Event, say: Say) -> bool:
-        for _ in range(RETRIES):
-            if stopped.wait(PAUSE):
-                return False
-            with suppress(PeriscopyError):
-                self._container = self._open()
-                return True
-        say(f"{self._place}: the stream did not come back")
-        return False
-
-    def _decoded(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
-        start: float | None = None  # of the file's clock
-        damaged = 0
-        for packet in self._container.demux(video=0):
-            arrived = time.monotonic()
-            try:
-                frames = packet.decode()
-            except self._av.error.InvalidDataError:
-                if not damaged:
-                    say(f"{self._place}: a frame is damaged; such frames are left out")
-                damaged += 1
-                continue
-            for frame in frames:
-                if not self.is_live and frame.time is not None:
-                    start = time.monotonic() - frame.time if start is None else start
-                    stopped.wait(max(0.0, start + frame.time - time.monotonic()))
-                    arrived = time.monotonic()
-                if stopped.is_set():
-                    return
-                declared = LINEAR if frame.color_trc == LINEAR_TRANSFER else SRGB
-                yield CameraFrame(_codes(frame), self._encoding or declared, arrived)
-
-
-def _codes(frame: Any) -> NDArray[np.unsignedinteger]:
-    """Return the codes of a frame of FFmpeg's, (rows, columns, 3), or 1 of a grey one."""
-    is_deep = max(each.bits for each in frame.format.components) > 8
-    is_grey = len(frame.format.components) == 1 and frame.format.name.startswith("gray")
-    kind = ("gray16le" if is_deep else "gray") if is_grey else ("rgb48le" if is_deep else "rgb24")
-    codes: NDArray[np.unsignedinteger] = frame.to_ndarray(format=kind)
-    return codes[..., np.newaxis] if codes.ndim == 2 else codes
-
-
-def _reason(error: OSError) -> str:
-    """Return why FFmpeg cannot read a stream."""
-    if isinstance(error, PermissionError):
-        return "no permission (on Linux, join the group 'video')"
-    if isinstance(error, FileNotFoundError):
-        return "no such folder, device or file"
-    if type(error).__name__ == "ExitError":  # PyAV's own, after its timeout
-        return f"no data for {PATIENCE:g} s"
-    return error.strerror or type(error).__name__
-
-
 class FunctionSource:
     """A function that returns the next frame when a camera has it, or None at the end.
 
-    It returns (rows, columns[, channels]): unsigned integers of 8 or 16 bits are codes of the
-    `encoding`, other numbers linear light.
+    It returns (rows, columns[, channels]), which the source copies: unsigned integers of 8 or 16
+    bits are codes of the `encoding`, other numbers linear light. Whatever it raises is a
+    PeriscopyError that names it.
     """
 
-    is_live = True
+    def __init__(
+        self, function: Callable[[], Any], name: str, encoding: str, white: float | None = None
+    ) -> None:
+        self.dropped, self._function, self._name = 0, function, name
+        self._encoding, self._white = encoding, white
 
-    def __init__(self, function: Callable[[], Any], encoding: str = SRGB) -> None:
-        self.dropped, self._function, self._encoding = 0, function, encoding
-
-    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
-        """Yield what the function returns; see `FrameSource`."""
+    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame | PhotographError]:
+        """Yield what the function returns, or the error of what is no photograph."""
+        is_first = True
         while not stopped.is_set():
-            try:
+            with own_errors(f"camera '{self._name}' failed"):
                 values = self._function()
-                if values is None:
-                    return
-                yield self._frame(np.asarray(values))
-            except PhotographError as error:
-                say(str(error))
-            except Exception as error:  # whatever the user's own code raises
-                say(f"the function of frames raised {type(error).__name__}: {error}")
+            if values is None:
                 return
+            try:
+                frame = self._frame(values)
+            except PhotographError as error:
+                yield error
+                continue
+            if is_first and not frame.saturated.any():
+                for line in plateaus(frame.pixels, "the frame"):
+                    say(line)
+            is_first = False
+            yield frame
 
-    def _frame(self, values: NDArray[Any]) -> CameraFrame:
-        if values.dtype.kind != "u" or values.dtype.itemsize > 2:
-            return CameraFrame(sensor_image(values, "the frame"), LINEAR)
-        codes = values.astype(values.dtype.newbyteorder("="), copy=False)
-        return CameraFrame(codes[..., np.newaxis] if codes.ndim == 2 else codes, self._encoding)
+    def _frame(self, values: Any) -> CameraFrame:
+        """Return a copy of what the function returned: its next frame may use the same memory."""
+        array = with_channels(plain_array(values, "the frame"), "the frame")
+        if array.shape[2] == 4 and array.size and np.ptp(array[..., 3]) == 0:
+            raise PhotographError(
+                "the frame: the fourth of its channels is the same everywhere, as transparency is; "
+                "return the three colours, frame[..., :3]"
+            )
+        if array.dtype.kind != "u" or array.dtype.itemsize > 2:
+            return CameraFrame(sensor_image(array, "the frame", self._white), LINEAR)
+        codes = np.array(array, array.dtype.newbyteorder("="))
+        return CameraFrame(codes, self._encoding, self._white)

@@ -12,7 +12,7 @@ const send = (message) => {
 };
 
 function connect() {
-  socket = new WebSocket(location.href.replace(/^http/, "ws"));
+  socket = new WebSocket(location.href.replace(/^http/, "ws").replace(/#.*/, ""));
   socket.onmessage = (event) => {
     const news = JSON.parse(event.data);
     Object.assign(state, news);
@@ -43,7 +43,7 @@ const labelled = ({ label }, ...inputs) => make("label", {}, make("span", { titl
 const kinds = {
   button: (control, set) => {
     const button = make("button", { onclick: () => set(true) });
-    return [button, (label) => Object.assign(button, { textContent: label, hidden: !label })];
+    return [button, (label) => (button.textContent = label)];
   },
 
   choice: (control, set) => {

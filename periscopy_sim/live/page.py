@@ -51,7 +51,7 @@ class Control:
 
 
 def button(label: Callable[[], str], act: Callable[[], None]) -> Control:
-    """Return a button, whose value is its present label; the page hides one without a label."""
+    """Return a button, whose value is its present label."""
     return Control({"kind": "button"}, lambda value: value is True, lambda _: act(), label)
 
 
@@ -117,7 +117,7 @@ class Page:
     def show(self, pictures: LivePictures, *lines: str) -> None:
         """Show pictures with their captions and notes, and lines on a stream."""
         size = "coarse" if pictures.is_coarse else "full"
-        notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.2g} s"
+        notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.1f} s"
         panels = [each.look() for each in panels_of(pictures)]
         # A scene that has not moved keeps its occluders, and shows some of a stream's frames.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
@@ -209,16 +209,6 @@ class Page:
                 self._change(0.0)
 
     # -- choices -----------------------------------------------------------------------------------
-
-    def move(self, values: Mapping[str, float]) -> list[str]:
-        """Set values of movable numbers as one move; return the names of those beyond their range.
-
-        Numbers that are not movable are left out.
-        """
-        self._moved = frozenset()
-        movable = {name: value for name, value in values.items() if name in self._movables}
-        self._set(movable, 0.0)
-        return [name for name, value in movable.items() if self.choice.values[name] != value]
 
     def _set(self, values: Mapping[str, float], rest: float) -> None:
         with self._lock:

@@ -117,9 +117,11 @@ def _errors(pictures: LivePictures) -> Panel:
         return Panel(f"Standard error: {pictures.choice.method} reports none")
     white = float(np.percentile(hidden.vector(pictures.image), 99)) or 1.0
     percent = 100 / white * np.sqrt(np.mean(hidden.vector(errors) ** 2, axis=1))
-    caption = f"Standard error: median {np.median(percent):.2g}, largest {percent.max():.2g} %"
+    counted = "noise and scene" if pictures.report.numbers.get("standard_errors_count") else "noise"
+    median, largest = (float(f"{each(percent):.2g}") for each in (np.median, np.max))
+    caption = f"Standard error ({counted}): median {median:g}, largest {largest:g} %"
     maps = hidden.split(percent / (percent.max() or 1.0)).values()
-    scale = "magma", "0 %", f"{percent.max():.2g} % of white"
+    scale = "magma", "0 %", f"{largest:g} % of white"
     return Panel(caption, [_colours("magma", each) for each in maps], scale)
 
 

@@ -1,7 +1,7 @@
 """A laboratory at one size: from a choice to its pictures."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,19 +11,21 @@ import numpy as np
 
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.moving_scene import limit_size, limit_sizes
+from periscopy_sim.calibration.moving_scene import limit_size, limit_sizes, scene_uncertainty
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import fit_method, own_errors
+from periscopy_sim.evaluation.methods import check_rank, fit_method, own_errors, plan_for
 from periscopy_sim.evaluation.metrics import psnr_gain_matched
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
+from periscopy_sim.model.fit import PRECISION
+from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.model.residual import quick_residual
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import one_thread
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Note, Report, Solution, StillMethod
-from periscopy_sim.reconstruction.registry import METHODS
-from periscopy_sim.rendering.transport.plan import FEWEST, TransportPlan, plan_transport
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
+from periscopy_sim.rendering.transport.plan import FEWEST, NOISE, TransportPlan
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.pictures import area_average, averaged_photograph, read_hidden_image
@@ -32,9 +34,6 @@ from periscopy_sim.view import View
 COARSE = 32, 12
 """Pixels along a photograph's longer side, patches along a hidden image's: some 100 ms on one core
 from a scene that has moved to its pictures."""
-
-BUDGET = 1 << 28
-"""Most rays for a full A where a scene has no closed form: some 2 s, 16 at the paper's sizes."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +89,7 @@ class FrameMethod:
     truth: Any  # the hidden image; None where it is unknown
     method: StillMethod[Any]
     wall: Photograph  # of the scenario's size
-    error: float  # of A, over the light
-    noise: float  # of a synthetic photograph, over the light
+    notes: Sequence[Note]  # on A, and on the errors that the scene states
 
     @cached_property
     def _follow(self) -> Callable[[Array], Solution[Any]]:
@@ -143,8 +141,9 @@ class SizedLaboratory:
     """A laboratory whose photograph and hidden image have the sizes of a scenario.
 
     `light` is the ambient light of the choice's place, (rows, columns, 3), `photograph` a given
-    one, None for synthetic ones, of this size or a larger one; `seed` is of A's rays. A level keeps
-    its last results, and computes only those anew whose choices changed.
+    one, None for synthetic ones, of this size or a larger one; `seed` is of A's rays. At its full
+    size it fits a method as `reconstruct` does. A level keeps its last results, and computes only
+    those anew whose choices changed.
     """
 
     def __init__(
@@ -162,12 +161,17 @@ class SizedLaboratory:
         self._given_photograph = photograph and averaged_photograph(photograph, shape)
         self._kept: dict[str, tuple[object, Any]] = {}
 
-    def pictures(self, choice: Choice, unless_overtaken: Callable[..., None]) -> LivePictures:
+    def pictures(
+        self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
+    ) -> LivePictures:
         """Compute the pictures of a choice; a PeriscopyError says what of it does not exist.
 
-        It often calls `unless_overtaken`, with any arguments, which may raise `Overtaken`.
+        It often calls `unless_overtaken`, with any arguments, which may raise `Overtaken`. A
+        photograph `wall` becomes the given one.
         """
         start = time.perf_counter()
+        if wall is not None:
+            self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
         formed = self.form(choice, unless_overtaken)
         scenario, method, photograph = formed.scenario, formed.method, formed.wall
         with own_errors(choice.method, "failed"):
@@ -177,9 +181,7 @@ class SizedLaboratory:
             report = method.report(photograph, solution)
             if self._given_photograph is None:
                 report = replace(report, residual=None)
-        if formed.error > formed.noise:
-            errors = {"name": "A", "error": 100 * formed.error, "noise": 100 * formed.noise}
-            report = replace(report, warnings=[*report.warnings, Note("transport_error", errors)])
+        report = replace(report, warnings=[*report.warnings, *formed.notes])
         unless_overtaken()
         return LivePictures(
             choice, scenario, self.is_coarse, formed.truth, photograph, image,
@@ -190,7 +192,7 @@ class SizedLaboratory:
     def form(
         self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
     ) -> FrameMethod:
-        """Form the method of a choice, as `pictures` does; a photograph becomes the given one."""
+        """Form the method of a choice; an average of frames, `wall`, becomes the photograph."""
         if wall is not None:
             self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
 
@@ -205,26 +207,45 @@ class SizedLaboratory:
         values = tuple(choice.values.values())
         given = {name: f"{value:.9g}" for name, value in choice.values.items()}
         scenario = kept("scenario", values, lambda: self.scenario.at(**given))
-        noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
-        plan = kept("plan", (values, noise), lambda: self._plan(scenario, noise))
-        A = kept(
-            "A", (values, plan),
-            lambda: plan.transport(scenario, seed=self._seed, progress=unless_overtaken),
-        )  # fmt: skip
-        truth = None
+        entry, truth, photograph = METHODS.get(choice.method), None, self._given_photograph
+        if photograph is None:
+            noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
+        else:  # averages of frames to come have less than the present one
+            known = None if wall is not None else relative_noise(photograph)
+            noise = NOISE if known is None else known
+
+        def transport(name: str) -> tuple[TransportPlan, Any]:
+            """Return A for a method, and its plan."""
+            of = "by rays" if name in METHODS and METHODS[name].rays else ""
+            plan = kept(f"plan {of}", (values, noise), lambda: self._plan(name, scenario, noise))
+            return plan, kept(
+                f"A {of}", (values, plan),
+                lambda: plan.transport(scenario, seed=self._seed, progress=unless_overtaken),
+            )  # fmt: skip
+
         if choice.image:
             path = find_image(choice.image)
             truth = kept("f", path, lambda: self._shown(path))
-        photograph = self._given_photograph or self._expose(choice, truth, scenario, A)
+        if photograph is None:
+            photograph = self._expose(choice, truth, scenario, transport(DEFAULT)[1])
+        plan, A = transport(choice.method)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
-        method = kept(
-            "method", (choice.method, values, plan, photograph.conditions),
-            lambda: fit_method(choice.method, scenario, A, B, photograph),
-        )  # fmt: skip
+        # The effect of a scene's errors takes as long as all else, too long for a hand that moves.
+        counts = entry is not None and entry.uncertain and not self.is_coarse
+        uncertain, notes = scene_uncertainty(scenario) if counts else (None, list[Note]())
+
+        def fitted() -> StillMethod[Any]:
+            method = fit_method(choice.method, scenario, A, B, photograph, uncertain)
+            check_rank(method, scenario, plan.samples, photograph.pixels, self._seed)
+            return method
+
+        key = choice.method, values, plan, photograph.conditions
+        method = kept("method", key, fitted)
         unless_overtaken()
-        return FrameMethod(
-            choice, scenario, self.is_coarse, truth, method, photograph, plan.error, noise
-        )
+        if plan.error > max(noise, PRECISION):
+            errors = {"error": 100 * plan.error, "noise": 100 * noise, "model": plan.by}
+            notes.append(Note("transport_error", {"name": "A", **errors}))
+        return FrameMethod(choice, scenario, self.is_coarse, truth, method, photograph, notes)
 
     def _shown(self, path: Path) -> Any:
         """Return an image that every hidden surface shows."""
@@ -238,11 +259,13 @@ class SizedLaboratory:
         images, truths = hidden.images(image), hidden.images(truth)
         return float(np.mean([psnr_gain_matched(images[name], truths[name]) for name in hidden]))
 
-    def _plan(self, scenario: Scenario, noise: float) -> TransportPlan:
+    def _plan(self, name: str, scenario: Scenario, noise: float) -> TransportPlan:
         """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
-        if self.is_coarse:
-            return TransportPlan(0.0, None if has_areas(scenario) else FEWEST)
-        return plan_transport(scenario, noise, seed=self._seed, budget=BUDGET)
+        if not self.is_coarse:
+            return plan_for(name, scenario, noise, seed=self._seed)
+        rays = RAYS if name in METHODS and METHODS[name].rays else FEWEST
+        has_closed_form = rays == FEWEST and has_areas(scenario)
+        return TransportPlan(0.0, None if has_closed_form else rays)
 
     def _expose(self, choice: Choice, truth: Any, scenario: Scenario, A: Any) -> Photograph:
         """Return a photograph, y = A f + b + noise."""

@@ -4,7 +4,6 @@
 """
 
 import time
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -36,9 +35,6 @@ EVEN = 1 / 3
 
 STEADY = 10.0
 """Seconds between two changes of the mask: a method needs some of them to be formed anew."""
-
-FLICKER = 4, 30
-"""Changes of the exposure within so many frames that are a flicker, which averages remove."""
 
 TAKEN = "the average with the monitor off"
 """Name of the monitor-off photograph that is taken from the frames."""
@@ -81,20 +77,18 @@ class Preparation:
     """
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
-        self.size, self.colour_matrix = first.size, companions.colour_matrix
+        self.shape, self.colour_matrix = first.pixels.shape, companions.colour_matrix
         decoded = list[str]()
         if isinstance(first.values, SensorImage):
             light = first.values
         else:
             table = _table(first.values.dtype, first.encoding)
-            full = (first.values == len(table) - 1).any(axis=2)
-            light = sensor_image(table[first.values], "the frame", saturated=full)
+            light = sensor_image(table[first.values], "the frame", np.inf, first.saturated)
             curve = (
                 "decoded by the sRGB curve; if the camera sends linear light, declare them linear"
             )
             how = "taken as linear light" if first.encoding == LINEAR else curve
             decoded.append(f"{8 * first.values.dtype.itemsize}-bit frames, {how}")
-        self._channels = light.values.shape[2]
         areas = film_areas(light, scenario, companions.marks, companions.mask)
         self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
         self.mask = used_pixels(self._areas.kinds | areas.excluded)
@@ -103,7 +97,7 @@ class Preparation:
             self._offset = self._averaged(companions.dark, "the dark frame")
         self.monitor_off = {
             name: each.values.astype(np.float64)
-            if each.size == self.mask.shape != self.size
+            if each.size == self.mask.shape != self.shape[:2]
             else self._averaged(each, name) - self._offset
             for name, each in companions.monitor_off.items()
         }
@@ -119,17 +113,12 @@ class Preparation:
             full = saturated[..., 0] > 0
         else:
             table = _table(frame.values.dtype, frame.encoding)
-            light, full = self._areas.average_codes(frame.values, table, len(table) - 1)
+            light, full = self._areas.average_codes(frame.values, table, frame.full)
             values = light.astype(np.float64)
-        if values.shape[2] != self._channels:
-            raise PhotographError(
-                f"a frame has {values.shape[2]} channels, the first one {self._channels}; give "
-                "frames of one camera"
-            )
         return PreparedFrame(values - self._offset, full & self.mask)
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:
-        check_same_size(picture.size, self.size, name)
+        check_same_size(picture.values.shape, self.shape, name)
         return self._areas.average(picture.values)
 
 
@@ -154,8 +143,6 @@ class PreparedFrames:
 
     def __init__(self, prepare: Preparation, page_off: Array | None = None) -> None:
         self.prepare, self._mask, self.page_off = prepare, prepare.mask, page_off
-        self._changes = deque[int](maxlen=FLICKER[0])  # frames of the latest changes of the light
-        self._all = 0  # frames
         self._variance = 0.0  # of a frame's noise, over the square of the mean light
         self._differences = 0
         self.wall: Photograph | None = None
@@ -165,7 +152,6 @@ class PreparedFrames:
         self.average: Array | None = None
         self._share, self._frames = 1.0, 0  # of a frame's variance in the average; frames in it
         self._saturated, self._reported = np.zeros(self._mask.shape, bool), 0
-        self._flickers = False
         self._due = 0.0  # when the mask may change
 
     def add(self, frame: PreparedFrame, count: int = 1) -> list[str]:
@@ -173,34 +159,23 @@ class PreparedFrames:
 
         The average leaves as little noise as the mean of `count` frames.
         """
-        lines = []
+        lines, times = list[str](), 0.0
         # The hidden picture may have moved since the average began; an exposure may drift slowly.
-        times = 0.0
         if self.average is not None:
             times = self._change(self._latest, frame) or self._change(self._first, frame)
-        self._all += 1
         if times:
-            self._changes.append(self._all)
-            if self._all - self._changes[0] < FLICKER[1] and len(self._changes) == FLICKER[0]:
-                self._first, self._flickers = frame, True
-                lines.append("the light flickers: expose for whole periods of the lamps")
-            else:
-                self._restart()
-                lines.append(
-                    f"the light is {times:.3g} times what it was: exposure, gain or lamps changed; "
-                    "the average starts anew"
-                )
-        elif self._flickers and self._all - self._changes[-1] >= FLICKER[1]:
-            self._restart()  # the changes were some of the exposure
+            self._restart()
+            lines.append(
+                f"the light is {times:.3g} times what it was, and the average starts anew: fix "
+                "exposure and gain, and expose for whole periods of lamps that flicker"
+            )
         new = frame.saturated & ~self._saturated
         if new.any():
             self._saturated = self._saturated | new
             if (many := int(np.count_nonzero(self._saturated))) >= 2 * self._reported:
                 self._reported = many
-                lines.append(
-                    f"saturated: {many} of {self._mask.sum()} pixels are left out; shorten the "
-                    "exposure"
-                )
+                of = f"{many} of {self._mask.sum()} pixels"
+                lines.append(f"saturated: {of} are left out; shorten the exposure")
         if self.average is None:
             self.average, self._first = frame.values, frame
         else:

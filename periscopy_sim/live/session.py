@@ -17,7 +17,6 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.calibrating import DECLINE, OFFER, CalibrationButton
 from periscopy_sim.live.frames import Say
 from periscopy_sim.live.movable import Movable, find_movables
 from periscopy_sim.live.page import Control, Page, button, slider
@@ -151,7 +150,6 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         movables, handles = find_movables(small)
         first = replace(first, values={each.name: each.value for each in movables})
         self._stream = stream
-        self._calibration: CalibrationButton | None = None
         self.page = Page(
             host, port, scenario, movables, handles, images, methods, first, describe,
             self._stream_controls,
@@ -168,8 +166,7 @@ class LiveSession(AbstractContextManager["LiveSession"]):
 
         def saved(shown: Any) -> None:
             if stream is not None:  # a method: of the present average, with standard errors
-                full.form(shown.choice, lambda *_: None, stream.wall or shown.wall)
-                shown = full.pictures(shown.choice, lambda *_: None)
+                shown = full.pictures(shown.choice, lambda *_: None, stream.wall or shown.wall)
             self.page.report(save(shown))
 
         self.page.save = lambda: self._laboratory.save(saved)
@@ -188,10 +185,9 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         stream.form_anew = lambda: self._laboratory.want(self.page.choice)
 
     def _stream_controls(self, page: Page) -> dict[str, Control]:
-        """Return the controls of a stream: its average, its monitor-off frame, calibration."""
+        """Return the controls of a stream: its average and its monitor-off frame."""
         if (stream := self._stream) is None:
             return {}
-        self._calibration = calibration = CalibrationButton(stream, page)
         count = Movable("Average", stream.count, 1.0, MOST_AVERAGED, 1.0, "frames")
 
         def set_count(value: float) -> None:
@@ -206,10 +202,6 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         return {
             "average": slider(count, "", set_count, lambda: stream.count),
             "monitor off": button(lambda: labels[stream.has_monitor_off], press),
-            "calibrate": button(lambda: calibration.label, calibration.press),
-            "decline": button(
-                lambda: DECLINE if calibration.label == OFFER else "", calibration.decline
-            ),
         }
 
     def __exit__(self, *_: object) -> None:
@@ -237,6 +229,4 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         """End `run` after the present stage of its work."""
         if self._stream is not None:
             self._stream.stop()
-        if self._calibration is not None:
-            self._calibration.stop()
         self._laboratory.stop()

@@ -1,31 +1,33 @@
 """Frames on their way to the page: read, prepared and averaged, reconstructed and shown.
 
-Each of the three steps has a thread. Between two steps one frame waits; a newer one of a live
-source replaces it, so that no picture is late.
+Each of the three steps has a thread. Between two steps one frame waits; a newer one replaces it,
+so that no picture is late.
 """
 
-import logging
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
-from threading import Condition, Event, Thread
+from threading import Condition, Event, RLock, Thread
 
 import numpy as np
 
-from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.frames import CameraFrame, FrameSource, Latest
-from periscopy_sim.live.pictures import Choice, FrameMethod, LivePictures, SizedLaboratory
+from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.live.frames import CameraFrame, FolderSource, FunctionSource, Latest
+from periscopy_sim.live.pictures import (
+    Choice,
+    FrameMethod,
+    LivePictures,
+    Overtaken,
+    SizedLaboratory,
+)
 from periscopy_sim.live.preparation import Companions, Preparation, PreparedFrames
-from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs.marks import WallTags
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
-
-LOG = logging.getLogger(__name__)
 
 SHOWN = 60
 """Frames whose rate and latency the page shows."""
@@ -35,6 +37,9 @@ JUDGED = 10.0
 
 REPEATS = 10.0
 """Seconds that the page shows a line, and before the same one is printed again."""
+
+Average = tuple[Photograph, float, tuple[float, float, float]]
+"""An average, when its latest frame arrived, and its number of frames, noise and noise left."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +74,14 @@ class Stream:
     about what happened, and `show_lines` that line beneath the numbers; all in the threads.
     `form_anew` is called when methods must be formed anew; they arrive by `use`. `describe` returns
     a report's sentences, `verdict` the latest one on the scene. `ended` is set by `stop`, when the
-    source has ended and all is shown, or by a PeriscopyError `fault`: of `show`, or of the first
-    two frames, which no later one of their size would mend.
+    source has ended and its last average is shown in full size, or by an error, then the `fault`:
+    of the source, of which no frame could be shown, of `show`, or of the first two frames, which
+    no later one of their size would mend.
     """
 
     def __init__(
         self,
-        source: FrameSource,
+        source: FolderSource | FunctionSource,
         scenario: Scenario,
         companions: Companions | None = None,
         count: int = 1,
@@ -90,19 +96,19 @@ class Stream:
         self.describe: Callable[[Report], Sequence[str]] = lambda _: ()
         self.verdict: Report | None = None
         self.ended = Event()
-        self.fault: PeriscopyError | None = None
-        self._read = Latest[CameraFrame](keeps=not source.is_live)
-        self._averaged = Latest[tuple[Photograph, float, tuple[float, float, float]]](
-            keeps=not source.is_live
-        )
+        self.fault: Exception | None = None
+        self._read = Latest[CameraFrame | PhotographError]()
+        self._averaged = Latest[Average]()
         self._frames: PreparedFrames | None = None
+        self._averaging = RLock()  # held where `_frames` change
         self._formed: FrameMethod | None = None
         self._coarse: FrameMethod | None = None  # the latest
         self._changed = Condition()
         self.latencies = deque[float](maxlen=1000)
         self.shown, self.notice = 0, "waiting for the first frame"
         self._lines, self._expires = list[str](), 0.0
-        self._may_recover, self._is_rejected = source.is_live, False
+        self._is_rejected = False  # no method of full size can be formed of what there is
+        self._is_over = False  # no other frame will come, nor a better method for the last one
         self._refusal = ""  # why the latest frame cannot be prepared
 
     def start(self) -> None:
@@ -128,46 +134,51 @@ class Stream:
     @property
     def wall(self) -> Photograph | None:
         """The present average with its conditions; None before the first frame."""
-        return None if self._frames is None else self._frames.photograph()
+        with self._averaging:
+            return None if self._frames is None else self._frames.photograph()
 
     @property
-    def record(self) -> Mapping[str, object]:
-        """The numbers of the view by marks, for metadata; none before the first frame."""
-        return {} if self._frames is None else self._frames.prepare.record
+    def record(self) -> dict[str, object]:
+        """The stream's numbers for metadata, with those of the view by marks and the verdict."""
+        view = {} if self._frames is None else self._frames.prepare.record
+        judged = self.verdict and self.verdict.residual
+        return {
+            "frames_shown": self.shown,
+            "frames_dropped": self.dropped,
+            "median_latency": median(self.latencies) if self.latencies else None,
+            "average": self.count,
+            **view,
+            **(judged.numbers() if judged else {}),
+        }
 
     def form(
         self, laboratory: SizedLaboratory, choice: Choice, unless_overtaken: Callable[..., None]
     ) -> FrameMethod:
         """Form a method for the present frames; a PeriscopyError says that there are none.
 
-        Before the first, it is formed for frames without a mask, and kept by the laboratory. A
-        source ends if it offers nothing of which a method of full size can be formed.
+        Before the first, it is formed for frames without a mask, and kept by the laboratory.
         """
         if self._frames is None:
             shape, colours = self.scenario.photograph_shape, self.companions.colour_matrix
             blank = Photograph(np.ones((*shape, 3)), np.ones(shape, bool), colour_matrix=colours)
-            with suppress(PeriscopyError, InputError):
+            with suppress(PeriscopyError):
                 laboratory.form(choice, unless_overtaken, blank)
         if (wall := self.wall) is None:
             raise PeriscopyError(self.notice)
         try:
             return laboratory.form(choice, unless_overtaken, wall)
-        except (PeriscopyError, InputError) as error:
-            if not laboratory.is_coarse:
+        except Exception as error:
+            if not (laboratory.is_coarse or isinstance(error, Overtaken)):
                 self.report(str(error))
-                self._is_rejected = True
                 with self._changed:
+                    self._is_rejected = True
                     if self._coarse is not None and self._coarse.choice == choice:
                         self._formed = self._coarse
-                self._end_if_rejected()
+                    self._changed.notify_all()
             raise
 
-    def _end_if_rejected(self) -> None:
-        if self._is_rejected and not (self._may_recover or self.shown):
-            self.stop()
-
     def use(self, formed: FrameMethod) -> None:
-        """Use a method from the latest frame on, of a recording from the next one.
+        """Use a method from the latest frame on.
 
         A coarse one does not replace a full one of the same choice, unless a new one fails.
         """
@@ -178,9 +189,8 @@ class Stream:
                 if former and not former.is_coarse and former.choice == formed.choice:
                     return
             self._formed, self.verdict = formed, None
-            self._changed.notify_all()
-        if self._source.is_live:
             self._averaged.repeat()
+            self._changed.notify_all()
 
     @property
     def has_monitor_off(self) -> bool:
@@ -189,10 +199,11 @@ class Stream:
 
     def toggle_monitor_off(self) -> None:
         """Make the present average the photograph with the monitor off, or drop a former one."""
-        if self._frames is None or self.wall is None:
-            self.report("no frame has come yet")
-            return
-        self._frames.toggle_monitor_off()
+        with self._averaging:
+            if self._frames is None or self.wall is None:
+                self.report("no frame has come yet")
+                return
+            self._frames.toggle_monitor_off()
         taken = "the present average is the monitor-off frame; turn the monitor on"
         self.report(taken if self.has_monitor_off else "the monitor-off frame is dropped")
         self.form_anew()
@@ -213,11 +224,7 @@ class Stream:
         try:
             step()
         except Exception as error:
-            if isinstance(error, PeriscopyError):
-                self.fault = error
-            else:
-                LOG.error("the stream ended by an error", exc_info=error)
-                self.report(f"the stream ended: {type(error).__name__}: {error}")
+            self.fault = error
             self.stop()
 
     def _read_frames(self) -> None:
@@ -228,10 +235,8 @@ class Stream:
     def _average_frames(self) -> None:
         for frame in self._read:
             try:
-                frames = self._frames_like(frame)
-                wall = frames.wall
-                for line in frames.add(frames.prepare(frame), self.count):
-                    self.report(line)
+                with self._averaging:
+                    item, is_other = self._average(frame)
             except PeriscopyError as error:
                 may_differ = isinstance(self.companions.marks, WallTags) or self._frames is not None
                 if str(error) == self._refusal and not may_differ:
@@ -239,23 +244,47 @@ class Stream:
                 self._refusal = str(error)
                 self.report(self._refusal)
                 continue
-            if frames.wall is not wall:
+            if is_other:
                 self.form_anew()
-            numbers = frames.averaged, frames.noise, frames.noise_left
-            if (average := frames.photograph()) is not None:
-                self._averaged.put((average, frame.time, numbers))
+            if item is not None:
+                self._averaged.put(item)
+        with self._changed:  # the last average is shown in full size
+            self._changed.wait_for(self._is_final)
+            self._is_over = True
+            self._changed.notify_all()
         self._averaged.close()
-        self._may_recover = False
-        self._end_if_rejected()
+
+    def _is_final(self) -> bool:
+        """Return whether no better method for the last average will come."""
+        formed, is_lost = self._formed, self._is_rejected or self.ended.is_set()
+        return is_lost or self.wall is None or (formed is not None and not formed.is_coarse)
+
+    def _average(self, frame: CameraFrame | PhotographError) -> tuple[Average | None, bool]:
+        """Return the average with one frame more, and whether methods must be formed anew."""
+        if isinstance(frame, PhotographError):
+            raise frame
+        frames = self._frames_like(frame)
+        wall = frames.wall
+        for line in frames.add(frames.prepare(frame), self.count):
+            self.report(line)
+        average, numbers = frames.photograph(), (frames.averaged, frames.noise, frames.noise_left)
+        item = None if average is None else (average, frame.time, numbers)
+        return item, frames.wall is not wall
 
     def _frames_like(self, frame: CameraFrame) -> PreparedFrames:
         """Return the average of frames of this size: a new one for the first and another size."""
         before = self._frames
-        if before is not None and before.prepare.size == frame.size:
-            return before
         if before is not None:
-            old, new = ("{} x {}".format(*each) for each in (before.prepare.size, frame.size))
-            self.report(f"the frames changed from {old} to {new} pixels")
+            (*old, channels), (*new, own) = before.prepare.shape, frame.pixels.shape
+            if own != channels:
+                raise PhotographError(
+                    f"a frame has {own} channels, the first one {channels}; give frames of one "
+                    "camera"
+                )
+            if old == new:
+                return before
+            sizes = ("{} x {}".format(*each) for each in (old, new))
+            self.report("the frames changed from {} to {} pixels".format(*sizes))
         prepare = Preparation(frame, self.scenario, self.companions)
         for line in prepare.warnings:
             self.report(line)
@@ -266,8 +295,7 @@ class Stream:
         first, times = 0.0, deque[float](maxlen=SHOWN)
         latest, used = None, None  # the frame shown, and its method
         for item in self._averaged:
-            formed = self._method()
-            if formed is None:
+            if (formed := self._method()) is None:
                 break
             is_again = item is latest
             if is_again and formed is used:
@@ -293,8 +321,11 @@ class Stream:
             if not is_again:
                 self.latencies.append(time.monotonic() - arrived)
                 self.shown += 1
-        if self.verdict is None and not self.ended.is_set():  # a short recording
-            self._judge()
+        if not self.ended.is_set():  # the source has ended
+            if self.verdict is None:
+                self._judge()
+            if not self.shown:
+                self.fault = PeriscopyError(f"no frame was shown: {self.notice}")
         self.stop()
 
     def _status(self) -> list[str]:
@@ -322,11 +353,9 @@ class Stream:
                     self.verdict = verdict
 
     def _method(self) -> FrameMethod | None:
-        """Wait for a method, of a recording for the full one; None after `stop`."""
+        """Wait for a method; None after `stop`, or where none will come."""
         with self._changed:
-            while not self.ended.is_set():
-                formed = self._formed
-                if formed is not None and (self._source.is_live or not formed.is_coarse):
-                    return formed
-                self._changed.wait()
-        return None
+            self._changed.wait_for(
+                lambda: self._formed is not None or self._is_over or self.ended.is_set()
+            )
+            return None if self.ended.is_set() else self._formed

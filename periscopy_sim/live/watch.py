@@ -28,6 +28,7 @@ def watch(
     mask: Mask | None = None,
     dark: SensorImage | ArrayLike | None = None,
     monitor_off: Mapping[str, SensorImage | ArrayLike] | None = None,
+    white: float | None = None,
     linear: bool = False,
     method: str = DEFAULT,
     record: Callable[[LivePictures, Progress], None] = lambda *_: None,
@@ -42,8 +43,8 @@ def watch(
     Parameters
     ----------
     source
-        A folder, a video device, file or URL; or a function that returns the next frame when the
-        camera has it, (rows, columns[, channels]), and None at the end.
+        A folder; or a function, itself or as ``file.py:function``, that returns the next frame when
+        the camera has it, (rows, columns[, channels]), and None at the end.
     scenario
         The scene of the frames.
     average
@@ -53,8 +54,11 @@ def watch(
     dark, monitor_off
         Frames with the lens covered, and with the monitor off, by name: linear light, of the
         frames' size.
+    white
+        The value from which on a pixel is saturated, such as 4095 of 12 bits. None: the largest of
+        a function's integers, and what a folder's files say.
     linear
-        Whether integers are linear light; otherwise they are decoded by the sRGB curve.
+        Whether a function's integers are linear light; otherwise the sRGB curve decodes them.
     method
         Name of the first method, see `find_method`.
     record
@@ -67,8 +71,8 @@ def watch(
     Raises
     ------
     PeriscopyError
-        If the source cannot be opened, there is no such method, the port is taken, or an extra is
-        not installed.
+        If there is no such source or method, the function raises an error, the first two frames
+        cannot be used, the port is taken, or an extra is not installed.
     """
     find_method(method)
     if average < 1:
@@ -77,7 +81,8 @@ def watch(
         marks, mask, 0.0, None if dark is None else sensor_image(dark, "the dark frame"),
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},
     )  # fmt: skip
-    stream = Stream(open_source(source, linear=linear), scenario, companions, average, print)
+    frames = open_source(source, linear=linear, white=white)
+    stream = Stream(frames, scenario, companions, average, print)
     with LiveSession(
         scenario, Choice({}, "", method=method), (), installed_methods(), save, lambda _: (),
         stream=stream, record=record, host=host, port=port,

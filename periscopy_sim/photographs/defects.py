@@ -138,6 +138,17 @@ def saturated_pixels(photograph: NDArray[Any]) -> Mask:
     return np.asarray(np.any(channels, axis=0))
 
 
+def plateaus(photograph: NDArray[Any], name: str) -> list[str]:
+    """Return a line about a plateau at the top of a photograph whose saturation nobody declares."""
+    if not (plateau := saturated_pixels(photograph)).any():
+        return []
+    top = photograph[plateau].max(axis=1).min()
+    return [
+        f"{name}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they are "
+        "saturated, name this value as white"
+    ]
+
+
 def _saturated(
     channel: NDArray[Any], valid: Mask, levels: NDArray[Any], counts: NDArray[np.intp]
 ) -> Mask:

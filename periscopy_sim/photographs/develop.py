@@ -75,12 +75,17 @@ def mask_of_pixels(mask: Mask, light: SensorImage) -> Mask:
     return mask
 
 
-def check_same_size(size: tuple[int, ...], wanted: tuple[int, ...], name: str) -> None:
-    """Check that a picture is as large as the photograph it belongs to."""
-    if tuple(size) != tuple(wanted):
+def check_same_size(shape: tuple[int, ...], wanted: tuple[int, ...], name: str) -> None:
+    """Check that a picture is as large as its photograph, and has as many channels, if given."""
+    if shape[:2] != wanted[:2]:
         raise PhotographError(
-            f"{name}: {size[0]} x {size[1]} pixels (rows x columns), but the photograph has "
+            f"{name}: {shape[0]} x {shape[1]} pixels (rows x columns), but the photograph has "
             f"{wanted[0]} x {wanted[1]}; give one of the same size"
+        )
+    if shape[2:] != wanted[2:]:
+        raise PhotographError(
+            f"{name}: {shape[2]} channels, but the photograph has {wanted[2]}; give one of the "
+            "same camera"
         )
 
 
@@ -113,13 +118,13 @@ def develop(
     light, offset = average(exposures, "photographs"), np.asarray(black, np.float32)
     if dark is not None:
         darkness = sensor_image(dark, "the dark frame")
-        check_same_size(darkness.size, light.size, "the dark frame")
+        check_same_size(darkness.values.shape, light.values.shape, "the dark frame")
         offset = darkness.values
         light = replace(light, saturated=light.saturated | darkness.saturated)
     light = replace(light, values=light.values - offset)
     if flat is not None:
         even = sensor_image(flat, "the flat field")
-        check_same_size(even.size, light.size, "the flat field")
+        check_same_size(even.values.shape, light.values.shape, "the flat field")
         bright = even.values - offset
         unfit = (bright <= 0).any(axis=2) | even.saturated
         if unfit.all():
@@ -146,7 +151,7 @@ def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
         raise PhotographError(f"{name}: there is none; give one at least")
     total, saturated, count = first.values.copy(), first.saturated.copy(), 1
     for each in exposures:
-        check_same_size(each.size, first.size, name)
+        check_same_size(each.values.shape, first.values.shape, name)
         total += each.values
         saturated |= each.saturated
         count += 1

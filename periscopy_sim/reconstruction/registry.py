@@ -153,6 +153,9 @@ def _by_name(*entries: MethodEntry) -> dict[str, MethodEntry]:
     return {entry.name: entry for entry in entries}
 
 
+RAYS = 16
+"""Rays from each pixel's centre to each patch, in A of methods that want their noise."""
+
 DEFAULT = "noise-aware"
 """Its error is less than `preconditioned`'s in each realistic light of `beyond.noise_aware`."""
 

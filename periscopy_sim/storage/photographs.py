@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.photograph import Photograph, check_size, with_channels
-from periscopy_sim.photographs.defects import saturated_pixels
+from periscopy_sim.photographs.defects import plateaus
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.storage.formats.arrays import PHOTOGRAPH
 from periscopy_sim.storage.formats.decoding import GAMMA, SRGB, Picture
@@ -88,13 +88,7 @@ def read_sensor_image(
         )
     exposure = sensor_image(picture.values, str(path), white, picture.saturated, picture.cell)
     is_known = white is not None or exposure.saturated.any()
-    if not is_known and (plateau := saturated_pixels(exposure.values)).any():
-        top = exposure.values[plateau].max(axis=1).min()
-        warnings.append(
-            f"{path}: {np.count_nonzero(plateau)} pixels end in a plateau at {top:.6g}; if they "
-            f"are saturated, name this value as white"
-        )
-    return exposure, tuple(warnings)
+    return exposure, (*warnings, *([] if is_known else plateaus(exposure.values, str(path))))
 
 
 def _linear_light(

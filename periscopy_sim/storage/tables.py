@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.extras import require_all
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import read_json, read_regular
 from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import RAW_SUFFIXES, raw_colours
-from periscopy_sim.storage.formats.table import format_of
+from periscopy_sim.storage.formats.table import format_of, libraries_of
 
 
 def read_colour_matrix(path: str | Path) -> ColourMatrix:
@@ -31,6 +32,7 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         If the file is missing, of another form, or holds no `ColourMatrix`.
     """
     path = Path(path)
+    require_all(*libraries_of([path]))
     with decoding(
         path, "a colour matrix", "give a row for each channel of the camera as NPY, JSON or CSV"
     ):

@@ -16,7 +16,6 @@ from periscopy_sim.cli import MODULES
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, own_llvm
 from periscopy_sim.storage.formats.exr import write_exr
-from tests.scenes.videos import write_video
 
 PLATE = "plate -D resolution=16"
 SIZED = f"{PLATE} --hidden 3x4"
@@ -28,7 +27,7 @@ fetch
 lab lab.yaml --out lab.xml
 draw {PLATE} --out plate.png
 view {SIZED} --port 0
-watch wall.mkv --scene {SIZED} --port 0 --out watched
+watch wall.py:frame --scene {SIZED} --port 0 --out watched
 prepare wall.npy --scene {PLATE} --out ready.exr
 reconstruct wall.npy --scene {SIZED} --out image
 video frames.npy --scene {SIZED} --out video
@@ -48,6 +47,11 @@ DATASET = """
  scenes: [{scene: plate, parameters: {resolution: 16}}],
  hidden_images: [{kind: shapes}], ambient: [{kind: lamps}]}
 """
+CAMERA = """
+import numpy as np
+codes = np.clip(100 * np.load("wall.npy"), 0, 255).astype(np.uint8)
+frame = iter([codes, codes, None]).__next__
+"""
 WARNINGS = {
     "demo": ["the photograph hardly shows a hidden image"],
     "watch": ["decoded by the sRGB curve", "saturated: "],
@@ -59,7 +63,7 @@ WARNINGS = {
 WARNING = "periscopy: warning: "
 EXTRAS = {
     "view": "websockets",
-    "watch": "av",
+    "watch": "websockets",
     "sweep": "xarray",
     "plot": "xarray",
     "dataset": "zarr",
@@ -77,9 +81,7 @@ def inputs(tmp_path_factory):
     np.save(folder / "wall.npy", wall)
     np.save(folder / "frames.npy", np.stack([wall, wall]))
     write_exr(folder / "wall.exr", wall, {})
-    if find_spec("av"):
-        codes = np.clip(100 * wall, 0, 255).astype(np.uint8)
-        write_video(folder / "wall.mkv", np.stack([codes, codes]))
+    (folder / "wall.py").write_text(CAMERA)
     if find_spec("xarray"):
         method = ps.TruncatedSVD.for_scene(scenario, ps.analytic_transport(scenario))
         world = ps.World({"p": wall}, {"p": image.reshape(3, 4, 3)}, {"b": wall}, {"m": method})

@@ -108,6 +108,13 @@ def test_undo_takes_back_what_a_key_did_to_a_slider(session, page):
     assert (slider.input_value(), field.input_value()) == before
 
 
+def test_a_bookmark_with_a_fragment_opens_the_page(session, browser):
+    opened = browser.new_page()
+    opened.goto(f"{session.page.gate.url}#x")
+    opened.locator("#panels figure").first.wait_for(timeout=1000 * PATIENCE)
+    opened.close()
+
+
 def test_keys_turn_the_view(page):
     before = page.evaluate("camera.azimuth")
     page.locator("#marks").press("ArrowLeft")

@@ -1,20 +1,16 @@
 import io
 import os
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from itertools import islice
+import re
+from pathlib import Path
 from threading import Event, Thread, Timer
 
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image
 
-from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.live import frames
 from periscopy_sim.live.frames import Latest, open_source
-from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
-from tests.scenes.videos import write_video
 
 RNG = np.random.default_rng(2)
 
@@ -22,7 +18,6 @@ RNG = np.random.default_rng(2)
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch):
     monkeypatch.setattr(frames, "POLL", 0.01)
-    monkeypatch.setattr(frames, "PAUSE", 0.01)
 
 
 @pytest.fixture
@@ -122,95 +117,125 @@ def test_what_lay_in_a_folder_does_not_choose_its_format(tmp_path, said, stopped
     assert value_of(next(incoming)) == 5 and not said
 
 
-@pytest.mark.parametrize("first", [0, 3600])
-def test_a_video_file_gives_every_frame_in_its_own_time(tmp_path, said, stopped, first):
-    pytest.importorskip("av")
-    codes = RNG.integers(0, 256, (12, 16, 24, 3), np.uint8)
-    write_video(tmp_path / "v.mkv", codes, first=first)
-    source = open_source(str(tmp_path / "v.mkv"))
-    assert not source.is_live
-    got = [*source.frames(stopped, said.append)]
-    np.testing.assert_array_equal([each.values for each in got], codes)
-    assert got[-1].time - got[0].time > 0.1 and got[0].encoding == SRGB and said == []
-    assert open_source(str(tmp_path / "v.mkv"), linear=True)._encoding == LINEAR
+def test_entries_that_are_no_files_do_not_stop_a_folder(tmp_path, said, stopped):
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "gone.tif").symlink_to("nowhere")
+    (tmp_path / "folder.tif").mkdir()
+    (tmp_path / "a.tif").write_bytes(tiff(5))
+    assert value_of(next(open_source(tmp_path).frames(stopped, said.append))) == 5
+    assert not said
 
 
-class Camera(BaseHTTPRequestHandler):
-    """A camera's MJPEG that ends after three frames at each visit."""
-
-    def do_GET(self):
-        self.send_response(200)
-        self.send_header("Content-Type", "multipart/x-mixed-replace;boundary=b")
-        self.end_headers()
-        for _ in range(3):
-            file = io.BytesIO()
-            Image.fromarray(np.full((16, 24, 3), 90, np.uint8)).save(file, "JPEG")
-            self.wfile.write(b"--b\r\nContent-Type: image/jpeg\r\n")
-            self.wfile.write(b"Content-Length: %d\r\n\r\n" % len(file.getvalue()))
-            self.wfile.write(file.getvalue() + b"\r\n")
-
-    def log_message(self, *_):
-        pass
+def test_a_file_of_its_full_size_is_read_when_it_is_written_to_its_end(
+    tmp_path, said, stopped, monkeypatch
+):
+    """As a copy over a network makes it: the size first, then the bytes, with a pause."""
+    monkeypatch.setattr(frames, "ZEROS", (64, 2.0))
+    file, whole = tmp_path / "a.tif", tiff(5)
+    file.write_bytes(whole[: len(whole) // 2] + bytes(len(whole) - len(whole) // 2))
+    Thread(target=lambda: stopped.wait(0.5) or file.write_bytes(whole)).start()
+    incoming = open_source(tmp_path).frames(stopped, said.append)
+    assert value_of(next(incoming)) == 5
+    (tmp_path / "black.tif").write_bytes(tiff(0))  # dark to its last byte
+    assert value_of(next(incoming)) == 0
 
 
-@contextmanager
-def camera():
-    with ThreadingHTTPServer(("127.0.0.1", 0), Camera) as server:
-        Thread(target=server.serve_forever).start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}/"
-        finally:
-            server.shutdown()
+CAMERA = """
+import numpy as np
+shots = iter([np.full((4, 4), 9, ">u2"), np.ones((4, 4, 3))])
+frame = lambda: next(shots, None)
+number = 3
+
+def broken():
+    raise RuntimeError("no camera")
+"""
 
 
-def test_a_stream_that_ends_is_opened_again_until_it_does_not_come_back(said, stopped):
-    pytest.importorskip("av")
-    with camera() as url:
-        source = open_source(url)
-        incoming = source.frames(stopped, said.append)
-        got = [*islice(incoming, 5)]
-    assert {each.size for each in got} == {(16, 24)} and np.ptp(got[-1].values) == 0
-    assert abs(int(got[0].values.mean()) - 90) < 3
-    assert said and all(line.startswith(f"{url}: the stream ") for line in said)
-    assert all(line.endswith("; opening it again") for line in said)
-    for _ in incoming:  # the server has gone
-        pass
-    assert said[-1] == f"{url}: the stream did not come back"
+@pytest.fixture
+def own(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(CAMERA)
+    return file
 
 
-def test_what_is_no_source_is_named(tmp_path, monkeypatch):
-    av = pytest.importorskip("av")
-    (tmp_path / "notes.txt").write_text("no video")
-    for name, reason in {"none": "no such folder, device or file", "notes.txt": "video"}.items():
-        with pytest.raises(PeriscopyError, match=reason) as error:
-            open_source(str(tmp_path / name))
-        assert name in str(error.value)
-
-    def forbidden(*_, **__):
-        raise av.error.PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(av, "open", forbidden)
-    with pytest.raises(PeriscopyError, match="/dev/video0: no permission"):
-        open_source("/dev/video0")
-
-
-def test_a_function_may_fail_and_ends_with_none(said, stopped):
-    shots = iter([np.full((4, 4), 9, ">u2"), np.ones((4, 4, 3)), np.ones((4, 4), complex)])
-    got = [*open_source(lambda: next(shots, None)).frames(stopped, said.append)]
+def test_a_function_of_a_file_ends_with_none(own, said, stopped):
+    got = [*open_source(f"{own}:frame").frames(stopped, said.append)]
     assert got[0].values.shape == (4, 4, 1) and (got[0].values == 9).all()
     assert got[0].values.dtype == np.uint16 and got[1].values.size == (4, 4)
-    assert len(got) == 2 and "complex" in said[0]
-
-    def broken():
-        raise RuntimeError("no camera")
-
-    assert [*open_source(broken).frames(stopped, said.append)] == []
-    assert said[-1] == "the function of frames raised RuntimeError: no camera"
+    assert len(got) == 2 and not said
 
 
-@pytest.mark.parametrize("keeps", [False, True])
-def test_late_items_are_dropped_and_counted_or_wait(keeps):
-    place, got, free = Latest(keeps=keeps), [], Event()
+def test_an_error_of_a_function_names_it_and_its_line(own, stopped):
+    for camera, name in (f"{own}:broken", "mine.py:broken"), (broken_here, "broken_here"):
+        with pytest.raises(PeriscopyError, match=name) as error:
+            next(open_source(camera).frames(stopped, print))
+        assert isinstance(error.value.__cause__, RuntimeError)
+        file, line = re.search(r"\((.+):(\d+)\)$", str(error.value)).groups()
+        text = (own if file == "mine.py" else Path(__file__)).read_text().splitlines()
+        assert "raise RuntimeError" in text[int(line) - 1]
+
+
+def broken_here():
+    raise RuntimeError("no camera")
+
+
+def test_what_is_no_source_is_named(own):
+    for wrong, reason in {
+        str(own.parent / "none"): "is no folder",
+        str(own): "is no folder",
+        "rtsp://camera/1": "is no folder",
+        f"{own}:nothing": "'nothing'",
+        f"{own}:number": "is no function",
+        f"{own.parent}/none.py:frame": "FileNotFoundError",
+    }.items():
+        with pytest.raises(PeriscopyError, match=reason) as error:
+            open_source(wrong)
+        assert wrong in str(error.value)
+
+
+def test_each_frame_of_a_buffer_is_a_copy(said, stopped):
+    buffer, got = np.zeros((4, 4, 3), np.uint16), []
+    for kind in np.uint16, np.float32:
+        buffer = np.zeros((4, 4, 3), kind)
+
+        def camera(buffer=buffer):
+            buffer += 1
+            return buffer if buffer.max() < 4 else None
+
+        got = [*open_source(camera, linear=True).frames(stopped, said.append)]
+        assert [float(each.pixels.max()) for each in got] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("frame", "reason"),
+    [
+        (np.ma.masked_less(np.arange(16.0).reshape(4, 4), 3), "masked"),
+        (np.dstack([np.arange(48, dtype=np.uint8).reshape(4, 4, 3), np.full((4, 4), 255)]), ":3"),
+        (np.full((4, 4), np.nan), "NaN"),
+        (np.ones((4, 4), complex), "complex"),
+        (np.ones(7), "shape"),
+    ],
+)
+def test_what_is_no_frame_comes_as_its_error(frame, reason, said, stopped):
+    shots = iter([frame, np.ones((4, 4, 3)), None])
+    got = [*open_source(shots.__next__).frames(stopped, said.append)]
+    assert isinstance(got[0], PhotographError) and reason in str(got[0])
+    assert got[1].pixels.shape == (4, 4, 3) and not said
+
+
+def test_saturation_is_declared_or_a_plateau_is_named(said, stopped):
+    codes = RNG.integers(100, 4000, (40, 40, 3)).astype(np.uint16)
+    codes[:3] = 4095  # of 12 bits
+    sources = [
+        open_source(iter([codes, None]).__next__, linear=True, white=w) for w in (None, 4095)
+    ]
+    frames_of = [next(source.frames(stopped, said.append)) for source in sources]
+    assert [int(np.count_nonzero(each.saturated)) for each in frames_of] == [0, 120]
+    assert len(said) == 1 and "4095" in said[0]
+
+
+def test_late_items_are_dropped_and_counted():
+    place, got, free = Latest(), [], Event()
 
     def take():
         free.wait()
@@ -223,11 +248,8 @@ def test_late_items_are_dropped_and_counted_or_wait(keeps):
 
     threads = [Thread(target=each) for each in (take, put)]
     threads[1].start()
-    if not keeps:
-        threads[1].join()
+    threads[1].join()
     free.set()
     threads[0].start()
-    for each in threads:
-        each.join()
-    assert got == ([*range(10)] if keeps else [9])
-    assert place.dropped == (0 if keeps else 9)
+    threads[0].join()
+    assert got == [9] and place.dropped == 9

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.pictures import Overtaken, SizedLaboratory, coarse
 from periscopy_sim.photograph import Photograph
@@ -46,7 +47,7 @@ def test_photograph_is_what_its_model_says(level, choice):
 def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
     choice, monkeypatch, tmp_path
 ):
-    from periscopy_sim.live import pictures as module
+    from periscopy_sim.rendering.transport import plan
 
     parts = Room(tmp_path)
     sphere = parts.write(parts.blocker())  # has no closed form
@@ -54,11 +55,12 @@ def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
     laboratory = SizedLaboratory(room, is_coarse=False)
     pictures = laboratory.pictures(replace(choice, values={}), never)
     assert not pictures.report.warnings
-    monkeypatch.setattr(module, "BUDGET", 0)
+    monkeypatch.setattr(plan, "BUDGET", 0)
     report = laboratory.pictures(replace(choice, values={}, snr=80.0), never).report
     (warning,) = report.warnings
     assert warning.code == "transport_error"
     assert warning.values["error"] > warning.values["noise"] == pytest.approx(0.01)
+    assert report_sentences(report)
 
 
 COUNTED = """

@@ -30,6 +30,7 @@ _PHOTOS, _BIN = "Photographs of one exposure, averaged.", "Set the film to block
 _FLAT = "Photograph of an evenly lit white surface, divided by; repeatable."
 _MASK = "Picture of the photograph's or film's size, black off wall."
 _WHITE = "Saturation value. [default: from the file]"
+White = Annotated[float | None, option("VALUE", _WHITE, group=PHOTOGRAPH, kind="level")]
 _POINTS = "Points of the wall to rectify by: column,row,x,y,z."
 Points = Annotated[Path | None, option("FILE.csv", _POINTS, group=PHOTOGRAPH, exists=True)]
 _TAGS = "AprilTag or ArUco markers to rectify by: id,x,y,z,size."
@@ -43,7 +44,7 @@ def prepare(
     black: Black = 0.0,
     dark: Dark = None,
     flat: Annotated[Files, option("FILE", _FLAT, exists=True)] = None,
-    white: Annotated[float | None, option("VALUE", _WHITE, kind="level")] = None,
+    white: White = None,
     points: Points = None,
     tags: Tags = None,
     mask: Annotated[Path | None, option("FILE", _MASK, exists=True)] = None,

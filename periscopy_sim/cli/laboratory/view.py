@@ -1,6 +1,7 @@
 """`periscopy view`: a laboratory in the browser, which you move by hand."""
 
 import os
+import signal
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -57,10 +58,7 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
-    require_all("websockets", *libraries_of(method))
-    from periscopy_sim.live.gate import listen
-
-    listen(host, port).close()  # a port in use is an error, before anything is loaded
+    check_page(host, port, method)
     for flag, value in ("--ambient", ambient), ("--image", image):
         if value and photo is not None:
             raise ps.PeriscopyError(f"{flag} needs synthetic photographs; leave it or PHOTO out")
@@ -73,28 +71,43 @@ def view(
         from periscopy_sim.live.pictures import Choice
         from periscopy_sim.live.session import LiveSession
 
-        ps.find_method(method)
         if image:
             session.hidden_image(image)
-        session.check_lights()
+        session.check_scene(method)
         wall = None if photo is None else session.wall(photo)
         light = None
         if place is not None:  # its error is smooth: methods project it out
             quick = ps.render_background(str(place), session.scenario, target=0.05)
             light = quick.photograph
         shipped = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
-        images = shipped if photo is None else []
         live = LiveSession(
-            session.scenario, Choice({}, image, ambient or "", method=method), images,
-            installed_methods(), lambda pictures: write_view(out, session, pictures, photo),
+            session.scenario, Choice({}, image, ambient or "", method=method),
+            shipped if photo is None else [], installed_methods(),
+            lambda pictures: write_view(out, session, pictures, photo),
             report_sentences, light=light, photograph=wall, host=host, port=port,
         )  # fmt: skip
-
     serve(live, session.path.name)
 
 
+def check_page(host: str, port: int, method: str, *libraries: str) -> None:
+    """Reject a page that cannot be served, before anything is loaded."""
+    require_all("websockets", *libraries_of(method), *libraries)
+    from periscopy_sim.live.gate import listen
+
+    listen(host, port).close()
+    ps.find_method(method)
+
+
 def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:
-    """Serve a page until its session ends, or until Ctrl-C, which calls `close` first."""
+    """Serve a page until its session ends, or until Ctrl-C; then call `close`.
+
+    Nothing interrupts `close`: a terminal and a program may both send the same Ctrl-C.
+    """
+    signals = list[int]()
+    former = {
+        each: signal.signal(each, lambda number, _: signals.append(number))
+        for each in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
         worker.start()
@@ -104,15 +117,18 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
                 "leave --host out to keep the page on this computer"
             )
         say(f"{live.page.gate.url} shows {name}; Ctrl-C ends it", is_result=True)
-        while worker.is_alive():
-            worker.join(1.0)  # without an end, Windows would not interrupt it
-    except KeyboardInterrupt:
+        while worker.is_alive() and not signals:
+            worker.join(0.2)
         with WRITING:
-            live.stop()  # also processes of its own
+            live.stop()
             close()
+        if signals:
             say("closed")
             outcome().show()
             os._exit(0)
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
 
 
 def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Path | None) -> str:
@@ -121,11 +137,9 @@ def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Pat
     photograph = pictures.photograph.values
     provenance = session.provenance_of(scenario)
     values = {name: f"{value:.9g}" for name, value in choice.values.items()}
-    settings = asdict(choice)
+    settings = asdict(choice) | {"psnr": pictures.psnr}
     if pictures.truth is None:
         settings = {name: settings[name] for name in ("values", "method")}
-    else:
-        settings["psnr"] = pictures.psnr
     record: dict[str, Any] = {
         **settings,
         "photograph": None if photo is None else str(photo),

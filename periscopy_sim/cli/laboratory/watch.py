@@ -2,27 +2,22 @@
 
 import csv
 import os
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
-import periscopy_sim as ps
-from periscopy_sim.cli.laboratory.prepare import Black, Dark, Points, Tags, exposures, marks_of
-from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, serve, write_view
-from periscopy_sim.cli.light import check_memory
+from periscopy_sim.cli.laboratory import prepare
+from periscopy_sim.cli.laboratory.view import WRITING, Host, Port, check_page, serve, write_view
 from periscopy_sim.cli.messages import report_sentences
-from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, option
+from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, example_of, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods, libraries_of
+from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
 from periscopy_sim.storage.outputs.staging import unwritable_reported
@@ -30,67 +25,70 @@ from periscopy_sim.storage.photographs import read_mask
 
 if TYPE_CHECKING:
     from periscopy_sim.live.pictures import LivePictures
-    from periscopy_sim.live.preparation import Companions
     from periscopy_sim.live.stream import Progress, Stream
 
-_SOURCE = (
-    "A folder into which a camera writes; or a video device, stream or file, such as /dev/video0, "
-    "rtsp://... or http://..."
-)
+EXAMPLE = Path(__file__).with_name("camera.py")
+_SOURCE = "A folder into which a camera writes, or a function that returns the next frame."
 _OUT = "Folder to write: every picture and its numbers. [default: only the page's button, to watch]"
 _AVERAGE = "Frames of the running average; 8-bit cameras need some tens."
+_LINEAR = "A function's integers are linear light, not encoded for screens."
 
 
 def watch(
     *,
-    source: Annotated[str, argument("SOURCE", _SOURCE)],
+    source: Annotated[str, argument("FOLDER|FILE.py:FUNCTION", _SOURCE)],
     session: PhotoSession,
     out: Annotated[Path | None, option("FOLDER", _OUT, group=OUTPUT)] = None,
     average: Annotated[int, option("NUMBER", _AVERAGE, kind="count")] = 30,
-    black: Black = 0.0,
-    dark: Dark = None,
-    points: Points = None,
-    tags: Tags = None,
-    linear: Annotated[
-        bool, typer.Option("--linear", help="Video is linear light, not encoded for screens.")
-    ] = False,
+    black: prepare.Black = 0.0,
+    dark: prepare.Dark = None,
+    white: prepare.White = None,
+    points: prepare.Points = None,
+    tags: prepare.Tags = None,
+    linear: Annotated[bool, typer.Option("--linear", help=_LINEAR)] = False,
     method: FirstMethodOption = DEFAULT,
     host: Host = "127.0.0.1",
     port: Port = 8080,
+    example: Annotated[bool, example_of(__name__, "a camera's function by PyAV")] = False,  # noqa: ARG001
 ) -> None:
     """Recover the hidden image from photographs as they come.
 
     In the browser, on the page of view: move the laboratory while the picture sharpens. Frames
     that come too late are dropped and counted. The command ends with the source, or by Ctrl-C.
     """
-    video = [] if Path(source).is_dir() else ["av"]
-    require_all("websockets", *video, *libraries_of(method), *(["cv2"] if tags else []))
-    from periscopy_sim.live.gate import listen
-
-    listen(host, port).close()  # a port in use is an error, before anything is made
-    marks = marks_of(points, tags)
+    check_page(host, port, method, *(["cv2"] if tags else []))
+    marks = prepare.marks_of(points, tags)
+    encoding = None if Path(source).is_dir() else LINEAR if linear else SRGB
+    if dark and black:
+        raise PeriscopyError("a dark frame holds the black level; give one of the two")
+    if (black or white) and encoding == SRGB:
+        raise PeriscopyError(
+            "--black, --white: a function's integers count as encoded for screens; leave them out, "
+            "or add --linear if the integers are linear light"
+        )
     with progress("loading the scene"):
         from periscopy_sim.live.frames import open_source
         from periscopy_sim.live.pictures import Choice
+        from periscopy_sim.live.preparation import Companions
         from periscopy_sim.live.session import LiveSession
         from periscopy_sim.live.stream import Stream
 
-        ps.find_method(method)
-        encoding = None if Path(source).is_dir() else LINEAR if linear else SRGB
-        if black and encoding == SRGB:
-            raise PeriscopyError(
-                "--black: video is encoded for screens; leave it out, or add --linear if it is not"
-            )
-        frames = open_source(source, linear=linear, has_black=bool(black))
-        scenario = session.scenario
-        check_memory(scenario, method)
-        session.check_lights()
-        companions = _companions(session, marks, black, dark, encoding)
-        stream = Stream(frames, scenario, companions, average, session.warn)
+        frames = open_source(source, linear=linear, white=white, has_black=bool(black))
+        session.check_scene(method)
+        mask, monitor_off = session.files()
+        of_frames = white, black, encoding
+        darkness = prepare.exposures(dark or (), white, encoding=encoding)
+        companions = Companions(
+            marks, read_mask(mask) if mask else None, black,
+            averaged(darkness, f"the dark frame {dark[-1]}") if dark else None,
+            {str(file): next(prepare.exposures([file], *of_frames)) for file in monitor_off},
+            session.colours,
+        )  # fmt: skip
+        stream = Stream(frames, session.scenario, companions, average, session.warn)
         recorder = None if out is None else Recorder(out, session, stream, source)
         folder = (out or Path("watch")) / "set"
         live = LiveSession(
-            scenario, Choice({}, "", method=method), (), installed_methods(),
+            session.scenario, Choice({}, "", method=method), (), installed_methods(),
             lambda pictures: write_view(folder, session, pictures, None), report_sentences,
             stream=stream, record=recorder or (lambda *_: None), seed=session.seed, host=host,
             port=port,
@@ -106,37 +104,8 @@ def watch(
 
     with live:
         serve(live, session.path.name, close)
-    if stream.shown or stream.fault:
-        close()
     if stream.fault is not None:
         raise stream.fault
-    if not stream.shown:
-        raise PeriscopyError(f"{source}: no frame was shown: {stream.notice}")
-
-
-def _companions(
-    session: PhotoSession,
-    marks: Any,
-    black: float,
-    dark: Sequence[Path] | None,
-    encoding: str | None,
-) -> "Companions":
-    """Read what belongs to all frames, of their encoding."""
-    from periscopy_sim.live.preparation import Companions
-
-    mask, monitor_off = session.files()
-    if dark and black:
-        raise PeriscopyError("a dark frame holds the black level; give one of the two")
-    return Companions(
-        marks,
-        read_mask(mask) if mask else None,
-        black,
-        averaged(exposures(dark, encoding=encoding), f"the dark frame {dark[-1]}")
-        if dark
-        else None,
-        {str(file): next(exposures([file], None, black, encoding)) for file in monitor_off},
-        session.colours,
-    )
 
 
 class Recorder:
@@ -168,53 +137,38 @@ class Recorder:
 
         images = named("frames", self._session.scenario.hidden.images(pictures.image))
         report, residual = pictures.report, pictures.report.residual
-        numbers = record_of(progress.frame, "", pictures.seconds, report.numbers)
-        del numbers["name"]
-        record = {
+        row: dict[str, Any] = {
             "frame": progress.frame,
             "time": f"{progress.time:.4f}",
             "method": pictures.choice.method,
-            **numbers,
+            **record_of(progress.frame, "", pictures.seconds, report.numbers),
             "unexplained": residual.unexplained if residual else "",
             **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged")},
             "noise_left": progress.noise_left if progress.averaged > 1 else "",
             **pictures.choice.values,
         }
+        del row["name"]
         with WRITING, unwritable_reported(self._folder / "metrics.csv"):
-            file = self._file or self._begin(list(record))
-            for stem, image in images.items():
-                if stem not in self._stacks:
+            if self._file is None:
+                self._folder.mkdir(parents=True, exist_ok=True)
+                file = (self._folder / "metrics.csv").open("w", encoding="utf-8", newline="")
+                # Another method may have other numbers, which are left out.
+                table = csv.DictWriter(file, [*row], extrasaction="ignore", lineterminator="\n")
+                self._file, self._table = file, table
+                table.writeheader()
+                for stem, image in images.items():
                     self._stacks[stem] = GrowingStack(self._folder / f"{stem}.npy", image.shape)
+            for stem, image in images.items():
                 self._stacks[stem].append(image)
-            self._table.writerow(record)
-            file.flush()
+            self._table.writerow(row)
+            self._file.flush()
             self._count += 1
-
-    def _begin(self, columns: Sequence[str]) -> TextIO:
-        """Begin the table."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        self._file = file = (self._folder / "metrics.csv").open("w", encoding="utf-8", newline="")
-        # Another method may have other numbers, which are left out.
-        self._table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
-        self._table.writeheader()
-        return file
 
     def close(self) -> None:
         """Write the summary of the frames, if there are any."""
         if self._file is None:
             return
-        latencies, report = [*self._stream.latencies], self._stream.verdict
-        judged = report and report.residual
-        summary = {
-            "source": self._source,
-            "frames": self._count,
-            "frames_shown": self._stream.shown,
-            "frames_dropped": self._stream.dropped,
-            "median_latency": median(latencies) if latencies else None,
-            "average": self._stream.count,
-            **self._stream.record,
-            **(judged.numbers() if judged else {}),
-        }
+        summary = {"source": self._source, "frames": self._count, **self._stream.record}
         with unwritable_reported(self._folder), closing(self._file):
             for stack in self._stacks.values():
                 stack.close()

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.extras import require
 from periscopy_sim.numerics.limits import MOST_BYTES, read_regular
 from periscopy_sim.storage.formats.decoding import (
     GAMMA,
@@ -174,7 +175,7 @@ OPCODE_LISTS = 51008, 51009, 51022
 
 def read_camera_raw(path: Path, _: str, size: Size = None) -> Picture:
     """Read a camera's raw file as counts above its black level, half the mosaic's size."""
-    import rawpy  # outside `decoding`: a missing package is no damaged file
+    rawpy = require("rawpy")
     import tifffile
 
     is_whole, unapplied = True, dict[str, None]()
@@ -221,8 +222,7 @@ def raw_colours(path: Path) -> NDArray[np.float64]:
     LibRaw has it from XYZ where it knows the camera. Of other files, as most DNG, it inverts what
     they state, with rows of sum 1, and has the inverse sums as the gains for daylight.
     """
-    import rawpy  # as above
-
+    rawpy = require("rawpy")
     with decoding(path, "camera raw"), rawpy.imread(str(path)) as raw:
         from_xyz = np.asarray(raw.rgb_xyz_matrix[:3], np.float64)
         if raw.num_colors == 3 and from_xyz.any():

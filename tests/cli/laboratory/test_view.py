@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import periscopy_sim as ps
 from periscopy_sim.cli.laboratory.view import write_view
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import Session, WallSession
+from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
@@ -46,6 +48,31 @@ def pictures_of(photograph=None, **values):
     scenario = load_scenario("plate", (3, 4), {"resolution": "24"})
     level = SizedLaboratory(scenario, None, photograph, is_coarse=False)
     return level.pictures(Choice(values, "" if photograph else "mushroom"), lambda *_: None)
+
+
+@pytest.mark.parametrize("method", ["noise-aware", "preconditioned"])
+def test_the_page_fits_a_photograph_as_reconstruct_does(method, succeeds, tmp_path):
+    """A of the same rays, and the scene's declared errors in the standard errors."""
+    session = WallSession("plate", ["6x8"], ["resolution=24"])
+    image = ps.read_hidden_image(ps.find_image("mushroom"), (6, 8)).reshape(-1, 3)
+    light = (ps.transport(session.scenario) @ image).reshape(24, 24, 3)
+    noise = np.random.default_rng(0).normal(0, 1e-3, light.shape)
+    np.save(tmp_path / "wall.npy", light / light.mean() + noise)
+    succeeds(
+        "reconstruct", "wall.npy", "--scene", "plate", "--hidden", "6x8", "-D", "resolution=24",
+        "--method", method, "--out", "out",
+    )  # fmt: skip
+    wall = session.wall(tmp_path / "wall.npy")
+    level = SizedLaboratory(session.scenario, None, wall, is_coarse=False)
+    values = {each.name: each.value for each in find_movables(session.scenario)[0]}
+    pictures = level.pictures(Choice(values, "", method=method), lambda *_: None)
+    of_command = np.load(tmp_path / "out" / "reconstruction.npy")
+    largest = of_command.max()
+    np.testing.assert_allclose(pictures.image, of_command, atol=1e-4 * largest)
+    if method == "noise-aware":
+        errors = np.load(tmp_path / "out" / "standard_error.npy")
+        np.testing.assert_allclose(pictures.report.standard_errors, errors, rtol=1e-3)
+        assert "occluder_dx" in pictures.report.numbers["standard_errors_count"]
 
 
 def test_scene_is_written_as_it_is_set_in_place_of_former_pictures(tmp_path):

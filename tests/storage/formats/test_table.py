@@ -1,3 +1,6 @@
+import sys
+from functools import partial
+
 import numpy as np
 import OpenEXR
 import png
@@ -6,9 +9,11 @@ import tifffile
 import zarr
 from PIL import Image
 
+from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.storage.formats.table import FORMATS
 from periscopy_sim.storage.photographs import read_photograph, read_sensor_image
 from periscopy_sim.storage.sequences import open_frames
+from periscopy_sim.storage.tables import read_colour_matrix
 from tests.scenes.dng import write_dng
 
 SHAPE = (24, 40)  # LibRaw reads nothing smaller than 22 pixels
@@ -80,3 +85,12 @@ def test_a_stack_of_zarr_is_the_same_photograph(tmp_path):
     group.create_array("photograph", data=LIGHT[None], fill_value=np.nan)
     (frame,) = open_frames(tmp_path / "y.zarr", SHAPE)
     np.testing.assert_array_equal(frame.values, LIGHT)
+
+
+def test_a_raw_file_without_its_library_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rawpy", None)
+    file = tmp_path / "wall.dng"
+    file.write_bytes(b"II*\0\10\0\0\0")
+    for read in read_sensor_image, read_colour_matrix, partial(read_photograph, shape=(4, 4)):
+        with pytest.raises(PeriscopyError, match=r"rawpy.*\[raw\]"):
+            read(file)
