@@ -23,6 +23,14 @@ def jit():
         pytest.skip("; ".join(f"{report.name}: {report.reason}" for report in reports))
 
 
+@pytest.fixture(autouse=True)
+def user_cache(tmp_path_factory, monkeypatch):
+    """Keep tests out of the user's cache, and of each other's: some trace fewer paths."""
+    folder = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("PERISCOPY_DATA", str(folder))
+    return folder
+
+
 @pytest.fixture
 def drawings():
     """Ask for figures as they are, where a test is about them; see `blank_figures`."""

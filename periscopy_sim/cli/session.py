@@ -27,6 +27,7 @@ from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.scene import CAMERA
+from periscopy_sim.storage.ambient_library import TARGET, ambient_light, find_condition
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 
 if TYPE_CHECKING:
@@ -181,16 +182,14 @@ class Session(options.OptionGroup):
         images = {n: ps.read_hidden_image(ps.find_image(by_id[n]), hidden[n].shape) for n in hidden}
         return hidden.unwrapped(images)
 
-    def ambient_light(self, name: str, target: float = 3e-4) -> Array:
-        """Return ambient light, (rows, columns, 3): a photograph's, or path traced to a target."""
-        if Path(name).is_file():
+    def ambient_light(self, name: str, target: float = TARGET) -> Array:
+        """Return ambient light, (rows, columns, 3): a photograph's, or a condition's to a target."""
+        if Path(name).suffix != ".xml" and Path(name).is_file():
             return self.photograph(Path(name)).values
-        with progress("path tracing the ambient light") as report:
-            seed = self.seed + 1  # other paths than the photograph's
-            light = ps.render_background(
-                f"ambient/{name}", self.scenario, target=target, seed=seed, progress=report
-            )
-            return light.photograph
+        light = ambient_light(
+            find_condition(name), self.scenario, self.seed, target=target, progress=progress
+        )
+        return light.photograph.astype(np.float64)
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
