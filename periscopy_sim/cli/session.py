@@ -183,13 +183,13 @@ class Session(options.OptionGroup):
         return hidden.unwrapped(images)
 
     def ambient_light(self, name: str, target: float = TARGET) -> Array:
-        """Return ambient light, (rows, columns, 3): a photograph's, or a condition's to a target."""
+        """Return ambient light, (rows, columns, 3): of a photograph or a condition."""
         if Path(name).suffix != ".xml" and Path(name).is_file():
             return self.photograph(Path(name)).values
         light = ambient_light(
             find_condition(name), self.scenario, self.seed, target=target, progress=progress
         )
-        return light.photograph.astype(np.float64)
+        return light.photograph
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""

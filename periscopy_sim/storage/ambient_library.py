@@ -4,9 +4,10 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ from periscopy_sim.storage.outputs.provenance import (
 )
 from periscopy_sim.storage.outputs.resume import check_settings
 from periscopy_sim.storage.outputs.staging import staged_file
+
+if TYPE_CHECKING:
+    from periscopy_sim.rendering.ambient.background import Background
 
 Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 """Receives the name of a rendering, and gives the function that reports its fraction done."""
@@ -59,8 +63,8 @@ def ambient_photographs(
     """Return photographs of a wall under ambient conditions, of a folder that keeps them.
 
     `names` are shipped conditions or paths of scene files. The folder gets each photograph that it
-    lacks, (rows, columns, 3) radiance, as ``NAME.exr``, from `ambient_light`. A name that is unknown
-    or given twice, or a file of other settings, is a `PeriscopyError`.
+    lacks, (rows, columns, 3) radiance, from `ambient_light`, as ``NAME.exr``. A name that is
+    unknown or given twice, or a file of other settings, is a `PeriscopyError`.
     """
     paths = {Path(name).stem: find_condition(name) for name in names}
     if len(paths) < len(names):
@@ -76,7 +80,8 @@ def ambient_photographs(
         if not file.is_file():
             with staged_file(file) as staged:
                 light = ambient_light(path, scenario, seed, target=target, progress=progress)
-                write_exr(staged, light.photograph, {**settings, **light.errors})
+                errors = {name: getattr(light, name) for name in ERRORS}
+                write_exr(staged, light.photograph, {**settings, **errors})
         # Also what was just rendered: as kept, so that a later run computes the same.
         with local_copy(file) as copy:
             picture, metadata = read_exr(copy)
@@ -86,31 +91,29 @@ def ambient_photographs(
     return photographs
 
 
-@dataclass(frozen=True, eq=False)
-class AmbientLight:
-    """A photograph of ambient light, (rows, columns, 3), and its errors by `Background`'s names."""
-
-    photograph: NDArray[np.float32]
-    errors: dict[str, float]
-
-
 def ambient_light(
-    path: Path, scenario: Scenario, seed: int, *, target: float = TARGET, progress: Progress = silent
-) -> AmbientLight:
+    path: Path,
+    scenario: Scenario,
+    seed: int,
+    *,
+    target: float = TARGET,
+    progress: Progress = silent,
+) -> "Background":
     """Return a wall under the light of a condition: of the user's cache, or rendered.
 
     Scenes whose cameras see the same wall share the cache. `target` is the relative error of a
     pixel, see `render_background`; `progress` is called with what is rendered. Where the cache
     cannot be written, all is rendered.
     """
-    from periscopy_sim.rendering.ambient.background import render_background
+    from periscopy_sim.rendering.ambient.background import Background, render_background
 
     file = _cached(path, scenario, seed, target)
     if file.is_file():
         with suppress(PeriscopyError, OSError):  # damaged, or removed by another process
             picture, metadata = read_exr(file)
             file.touch()  # the latest is removed last
-            return AmbientLight(picture, {n: float(metadata[n]) for n in ERRORS})
+            errors = {name: float(metadata[name]) for name in ERRORS}
+            return Background(picture.astype(np.float64), **errors)
     with progress(f"ambient light: {path.stem}") as report:
         rendered = render_background(path, scenario, target=target, seed=seed, progress=report)
         report(1.0)  # an interrupt may have stopped Mitsuba in the midst of it
@@ -119,7 +122,7 @@ def ambient_light(
     with suppress(PeriscopyError, OSError):
         write_exr(file, rendered.photograph, errors)
         _remove_oldest(file.parent.glob("*.exr"))
-    return AmbientLight(rendered.photograph.astype(np.float32), errors)
+    return Background(rendered.photograph.astype(np.float32).astype(np.float64), **errors)
 
 
 def is_cached(name: str, scenario: Scenario, seed: int, target: float = TARGET) -> bool:
@@ -128,12 +131,11 @@ def is_cached(name: str, scenario: Scenario, seed: int, target: float = TARGET) 
 
 
 def _cached(path: Path, scenario: Scenario, seed: int, target: float) -> Path:
-    """Return the file of the user's cache, whose name is the digest of all that light depends on."""
-    view = scenario.view
-    wall = {n: array_sha256(v) for n, v in vars(view).items() if isinstance(v, np.ndarray)}
-    versions = provenance(None, seed)
+    """Return the cache's file of a condition; its name is the digest of all that it depends on."""
+    view, versions = scenario.view, provenance(None, seed)
+    seen = (getattr(view, each.name) for each in fields(view))
     record = {
-        "wall": [wall[name] for name in sorted(wall)],
+        "wall": [array_sha256(each) for each in seen if isinstance(each, np.ndarray)],
         "shape": view.shape,
         "ambient": scene_sha256(path),
         "target": target,
