@@ -7,7 +7,6 @@ more values computes only their cells.
 
 import math
 import time
-import warnings
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError, SceneError
 from periscopy_sim.evaluation.methods import MethodError, estimates_by, without_addresses
@@ -36,8 +36,8 @@ LIGHT = ("image", "background", "sbr", "snr", "seed")
 """Axes of a world's photographs. The axis of methods is `algorithm`, not `method`: xarray's `sel`
 would read `method` as a keyword of its own, and select nothing."""
 
-LONG, FIRST = 24.0, 16
-"""Hours from which on a sweep says how long it takes, and the cells by which it knows."""
+LONG = 2.0
+"""Seconds of a cell from which on its first run shows its time: what it compiles takes less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,8 @@ class Sweep:
     world
         A `World`, or what makes one of values of `vary`.
     sbrs, snrs
-        Signal-to-background ratios, and signal-to-noise ratios in dB.
+        Signal-to-background ratios, infinite without ambient light, and signal-to-noise ratios in
+        dB.
     seeds
         Labels of the noise draws for each image, background and SBR.
     seed
@@ -85,7 +86,7 @@ class Sweep:
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
         if taken := {"algorithm", *LIGHT} & {*self.vary}:
             raise PeriscopyError(f"vary: {', '.join(taken)} is an axis of its own")
-        if not (np.isfinite([*self.sbrs, *self.snrs]).all() and min(self.sbrs) > 0):
+        if not (np.isfinite(self.snrs).all() and all(sbr > 0 for sbr in self.sbrs)):
             raise PeriscopyError(
                 f"SBR {list(self.sbrs)}, SNR {list(self.snrs)}: give positive SBRs and SNRs in dB"
             )
@@ -115,6 +116,7 @@ def run_sweep(
     folder: str | Path,
     *,
     scheduler: str | None = None,
+    planned: Callable[[Sequence[Values]], None] | None = None,
     progress: Callable[[float], None] | None = None,
     timed: Callable[[str, float], None] | None = None,
 ) -> "xr.Dataset":
@@ -132,6 +134,8 @@ def run_sweep(
         Gets ``sweep.zarr`` and ``sweep.csv``, a row for each cell; or a URL that fsspec opens.
     scheduler
         Address of a Dask scheduler; None uses this machine's cores.
+    planned
+        Called with the cells that are missing, before the first world is made.
     progress
         Called with the fraction done.
     timed
@@ -161,12 +165,12 @@ def run_sweep(
         folder / "sweep.zarr", axes, images, conditions, worlds.conditions_of, sweep.units,
         worlds.measures,
     )  # fmt: skip
-    missing, count, is_estimated = store.missing(), math.prod(map(len, axes.values())), False
+    missing, count = store.missing(), math.prod(map(len, axes.values()))
     done, failed = count - len(missing), list[tuple[Values, str]]()
-    groups = _by(sweep.vary, missing)
-    for n, (values, cells) in enumerate(groups.items(), 1):
+    if planned is not None:
+        planned(missing)
+    for values, cells in _by(sweep.vary, missing).items():
         at = dict(zip(sweep.vary, values, strict=True))
-        started = time.monotonic()
         try:
             world = worlds(**at)
         except PeriscopyError as error:
@@ -176,9 +180,8 @@ def run_sweep(
                 raise
             done += len(cells)
             continue
-        begun = time.monotonic()
         with closing(_outcomes(sweep, world, at, cells, scheduler)) as found:
-            for k, (cell, outcome) in enumerate(found, 1):
+            for cell, outcome in found:
                 seconds = outcome.pop("seconds", None)
                 if timed is not None and seconds is not None:
                     timed(cell["algorithm"], seconds)
@@ -186,9 +189,6 @@ def run_sweep(
                 done += 1
                 if progress is not None:
                     progress(done / count)
-                if not is_estimated and k == min(FIRST, len(cells)):
-                    is_estimated, of_cell = True, (time.monotonic() - begun) / k
-                    _warn_if_long((len(groups) - n) * (begun - started) + (count - done) * of_cell)
     for cell, why in failed:
         store.write(cell, {"failure": why})
     results = store.load()
@@ -201,11 +201,17 @@ def run_sweep(
     return results
 
 
-def _warn_if_long(seconds: float) -> None:
-    """Warn of a sweep that takes more than a day."""
-    if seconds > 3600 * LONG:
-        more = f"{seconds / 3600:.0f} hours more; give its axes fewer values, or it more workers"
-        warnings.warn(f"the sweep takes about {more}", stacklevel=3)
+def cell_seconds(world: World, cell: Values) -> float:
+    """Measure how long a thread takes for a cell, without what the first one compiles."""
+    shared, asked = (world, 0, ""), (tuple(cell[name] for name in LIGHT), (cell["algorithm"],))
+    seconds = 0.0
+    with threadpool_limits(1):
+        for _ in range(2):
+            if seconds < LONG:
+                started = time.perf_counter()
+                _evaluate(shared, asked)
+                seconds = time.perf_counter() - started
+    return seconds
 
 
 def _outcomes(

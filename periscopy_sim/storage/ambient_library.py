@@ -107,7 +107,7 @@ def ambient_light(
     """
     from periscopy_sim.rendering.ambient.background import Background, render_background
 
-    file = _cached(path, scenario, seed, target)
+    file = cached_light(path, scenario, seed, target)
     if file.is_file():
         with suppress(PeriscopyError, OSError):  # damaged, or removed by another process
             picture, metadata = read_exr(file)
@@ -125,12 +125,7 @@ def ambient_light(
     return Background(rendered.photograph.astype(np.float32).astype(np.float64), **errors)
 
 
-def is_cached(name: str, scenario: Scenario, seed: int, target: float = TARGET) -> bool:
-    """Return whether the user's cache holds a condition's light on a wall."""
-    return _cached(find_condition(name), scenario, seed, target).is_file()
-
-
-def _cached(path: Path, scenario: Scenario, seed: int, target: float) -> Path:
+def cached_light(path: Path, scenario: Scenario, seed: int, target: float = TARGET) -> Path:
     """Return the cache's file of a condition; its name is the digest of all that it depends on."""
     view, versions = scenario.view, provenance(None, seed)
     seen = (getattr(view, each.name) for each in fields(view))

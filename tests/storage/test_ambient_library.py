@@ -5,7 +5,7 @@ import periscopy_sim as ps
 from periscopy_sim.rendering.ambient import background
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage import ambient_library
-from periscopy_sim.storage.ambient_library import ambient_light, ambient_photographs, is_cached
+from periscopy_sim.storage.ambient_library import ambient_light, ambient_photographs, cached_light
 
 OVERCAST = find_scene("ambient/overcast")
 
@@ -32,7 +32,9 @@ def rendered(monkeypatch):
 def test_light_is_rendered_once_for_a_wall_whatever_stands_before_it(rendered, tmp_path):
     lit = scene()
     first = ambient_light(OVERCAST, lit, 0)
-    assert lit.view.edges.size and is_cached("overcast", lit, 0)  # the view keeps what it computes
+    assert (
+        lit.view.edges.size and cached_light(OVERCAST, lit, 0).is_file()
+    )  # the view keeps what it computes
     found = ambient_photographs(["overcast"], scene(occluder_dx="0.01"), tmp_path / "a", 0)
     ambient_photographs(["overcast"], scene(monitor_dx="0.01"), tmp_path / "b", 0)
     assert rendered == ["overcast"]
@@ -75,5 +77,6 @@ def test_the_cache_is_bounded_and_forgets_what_is_not_used(rendered, user_cache,
     monkeypatch.setattr(ambient_library, "CACHE_BYTES", 3.5 * max(sizes))
     ambient_light(OVERCAST, scene(), 0)
     ambient_light(OVERCAST, scene(), 3)  # in the place of 1
-    assert [is_cached("overcast", scene(), seed) for seed in range(4)] == [True, False, True, True]
+    held = [cached_light(OVERCAST, scene(), seed).is_file() for seed in range(4)]
+    assert held == [True, False, True, True]
     assert len(rendered) == 4

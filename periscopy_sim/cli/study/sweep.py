@@ -1,5 +1,6 @@
 """`periscopy sweep`: methods over images, ambient light, noise, and whatever varies in a scene."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,13 @@ from periscopy_sim.cli.light import GRID, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import progress, record, say, show_table, written
 from periscopy_sim.cli.session import WallSession
-from periscopy_sim.cli.study.axes import check_numbers, parse_ambient, parse_axes, parse_values
+from periscopy_sim.cli.study.axes import (
+    DARK,
+    check_numbers,
+    parse_ambient,
+    parse_axes,
+    parse_values,
+)
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.cli.study.worlds import KNOWN, Worlds
 from periscopy_sim.evaluation.workers import check_scheduler
@@ -41,10 +48,11 @@ _PHOTOGRAPH = "A photograph without ambient light; needs --truth."
 _TRUTH = "The hidden image of --photograph; of several surfaces of each."
 _IMAGES = "Hidden images whose photographs are path traced, by comma; or a folder."
 _RATIOS = "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
-_AMBIENT = "all, adversarial, shipped conditions, EXR files or folders of them."
+_AMBIENT = "Places, by comma: all, adversarial, shipped conditions, EXR files or folders; or none."
 _METHODS = "Methods by comma; yours as module:callable or file.py:callable."
 _SEEDS = "Noise draws for each background and SBR."
-SBRS, SNR = "0.1:10:log:9", 60.0
+_SNRS = "Signal-to-noise ratios of Gaussian noise: 40,60 or 40:80:5; the signal includes light."
+SBRS, SNRS, PLACES = "0.1,1,10", "60", "overcast,low_sun,ceiling_panels"
 RUN = ("command", "scene", "seed", "python")
 """Provenance that differs from run to run, or that no result depends on."""
 RESULTS = ("sweep.zarr", "sweep.csv", "sweep.png")
@@ -64,10 +72,10 @@ def sweep(
     truth: Annotated[list[str] | None, option("[ID=]IMAGE", _TRUTH)] = None,
     hidden_image: Annotated[list[str] | None, option("[ID=]IMAGE,...", _IMAGES)] = None,
     sbr: Annotated[str, option("RATIOS", _RATIOS)] = SBRS,
-    ambient: Annotated[str, option("LIST", _AMBIENT)] = "all",
-    flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
+    ambient: Annotated[str, option("LIST", _AMBIENT)] = PLACES,
+    flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = False,
     methods: Annotated[str, option("LIST", _METHODS)] = "noise-aware,preconditioned,differencing",
-    snr: options.Snr = SNR,
+    snr: Annotated[str, option("DB", _SNRS)] = SNRS,
     seeds: Annotated[int, option("NUMBER", _SEEDS, kind="count")] = 1,
     scheduler: options.Scheduler = None,
     study: StudyOption = None,  # noqa: ARG001, it has become the other options' defaults
@@ -87,14 +95,17 @@ def sweep(
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
-    given = {"sbr": sbr != SBRS, "snr": snr != SNR, "samples": light.samples, "model": light.model}
+    given = {"sbr": sbr != SBRS, "snr": snr != SNRS, "samples": light.samples, "model": light.model}
     for name in (*session.definitions, *(name for name, value in given.items() if value)):
         if name in axes:
             raise ps.PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
     of = {name: f"--vary {name}" if name in axes else f"--{name}" for name in ("sbr", "snr")}
+    if (is_dark := DARK in lights) and (given["sbr"] or "sbr" in axes):
+        raise ps.PeriscopyError(f"{of['sbr']}: --ambient {DARK} has no SBR; leave one of them out")
     ratios = axes.pop("sbr", None) or parse_values(sbr, of["sbr"])
-    ratios = check_numbers("ratio", of["sbr"], ratios)
-    decibels = check_numbers("decibels", of["snr"], axes.pop("snr", [snr]))
+    ratios = [math.inf] if is_dark else check_numbers("ratio", of["sbr"], ratios)
+    decibels = axes.pop("snr", None) or parse_values(snr, of["snr"])
+    decibels = check_numbers("decibels", of["snr"], decibels)
     if "hidden" in axes:
         session = replace(session, hidden=[str(axes["hidden"][0])])
     light.check_methods(*names)
@@ -107,6 +118,8 @@ def sweep(
     wall = None if photograph is None else session.wall(photograph)
     mask, monitor_off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
     measured = {n: session.photograph(p, mask).values for n, p in lights.items() if p}
+    if is_dark:  # of an infinite SBR nothing is added
+        flips, measured = False, {DARK: np.ones((*session.scenario.photograph_shape, 3))}
     settings = {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "base_seed": session.seed,
@@ -141,6 +154,7 @@ def sweep(
         ambient={name: measured.get(name) for name in lights},
         noise=noise_to_signal(max(decibels), max(ratios)),
         conditions={"settings": settings}, conditions_of=sources, calibrates=KNOWN in axes,
+        scheduler=scheduler,
     )  # fmt: skip
     worlds.check(axes)
     with (
@@ -156,6 +170,7 @@ def sweep(
         with progress("sweeping") as report:
             results = sweeps.run_sweep(
                 whole, out, scheduler=scheduler, progress=report,
+                planned=lambda missing: worlds.show_work(whole.axes, missing),
                 timed=lambda name, taken: seconds[name].append(taken),
             )  # fmt: skip
         with staged_file(out / "sweep.png") as file:

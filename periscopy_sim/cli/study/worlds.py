@@ -16,13 +16,20 @@ from periscopy_sim.cli.output import fixable, part_of_command, progress
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
+from periscopy_sim.cli.study.forecast import LIGHT_COST, SweepForecast
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
+from periscopy_sim.evaluation.workers import thread_count
+from periscopy_sim.evaluation.world import TURNS
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of, size_of
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.storage.ambient_library import ambient_photographs
+from periscopy_sim.storage.ambient_library import (
+    ambient_photographs,
+    cached_light,
+    find_condition,
+)
 from periscopy_sim.storage.formats.exr import read_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 
@@ -71,10 +78,12 @@ class Worlds:
     conditions: Mapping[str, Any]
     conditions_of: Mapping[str, Mapping[str, Any]]
     calibrates: bool = False  # whether an axis says what methods know, so that they may calibrate
+    scheduler: str | None = None  # whose workers reconstruct
     keep: Callable[[], None] = lambda: None  # called when a world's parts are in its folder
     _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
     _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
     _plans: "dict[Any, dict[str, TransportPlan]]" = field(default_factory=dict, init=False)
+    forecast: SweepForecast = field(default_factory=SweepForecast, init=False)
 
     @property
     def axes(self) -> dict[str, list[str]]:
@@ -98,35 +107,124 @@ class Worlds:
         """Return the world of values of some axes."""
         true, assumed = self._session(values), self._session(values, ASSUMED)
         true.check_scene()
-        at = self._folder(values)
-        signals = {name: self._signal(true, at, name) for name in self.shown}
+        at, timed = self._folder(values), self.forecast.timed
+        signals = {n: timed("photograph", self._signal, true, at, n) for n in self.shown}
         wall = next(iter(signals.values()))
-        traced = ambient_photographs(
-            [name for name, light in self.ambient.items() if light is None],
-            true.scenario,
-            self._folder({n: v for n, v in values.items() if n != "hidden"}) / "ambient",
-            true.seed,
-            progress=progress,
-        )
-        seen = {
-            name: seen_in(traced[name] if light is None else light, wall.channels)
-            for name, light in self.ambient.items()
-        }
         plans: dict[str, TransportPlan] = {}
         if values.get(KNOWN) == CALIBRATED:
             fitted = self._calibrated(true, assumed, values, wall)
         else:
-            fitted, plans = self._fitted(assumed, values, wall)
-        self.keep()
-        return ps.World(
+            fit = partial(self._fitted, assumed, values, wall)
+            fitted, plans = timed("fit", fit)
+        world = partial(
+            ps.World,
             signals=signals,
             truths={name: true.hidden_image(names) for name, names in self.shown.items()},
-            backgrounds=ps.flips(seen) if self.flips else seen,
             methods=fitted,
             transport={name: plan.origin for name, plan in plans.items()},
             draw=int(values.get(DRAW, 0)),
             measures=self.measures,
         )
+        if plans and not self.forecast.is_shown:
+            self._show_time(values, fit, wall, world)
+        traced = self._traced(values, self._rendered)
+        seen = {
+            name: seen_in(traced[name] if light is None else light, wall.channels)
+            for name, light in self.ambient.items()
+        }
+        self.keep()
+        return world(backgrounds=ps.flips(seen) if self.flips else seen)
+
+    @property
+    def _rendered(self) -> list[str]:
+        """Names of the ambient light that is path traced."""
+        return [name for name, light in self.ambient.items() if light is None]
+
+    def _traced(self, values: Mapping[str, Any], names: Sequence[str]) -> "dict[str, Array]":
+        """Return ambient light at values of axes, path traced."""
+        true, folder = self._session(values), self._ambient_folder(values)
+        return ambient_photographs(names, true.scenario, folder, true.seed, progress=progress)
+
+    def _ambient_folder(self, values: Mapping[str, Any]) -> Path:
+        """Return the folder of ambient light, which patches do not change."""
+        return self._folder({n: v for n, v in values.items() if n != "hidden"}) / "ambient"
+
+    def _cached_lights(self, values: Mapping[str, Any]) -> dict[Path, str]:
+        """Return the names of ambient light that is path traced, by the user's files of it."""
+        true = self._session(values)
+        paths = {name: find_condition(name) for name in self._rendered}
+        return {cached_light(path, true.scenario, true.seed): n for n, path in paths.items()}
+
+    def show_work(
+        self, axes: Mapping[str, Sequence[Any]], missing: Sequence[Mapping[str, Any]]
+    ) -> None:
+        """Print the results that a sweep over axes lacks, and what is rendered for them.
+
+        Of more than `KEPT` scenes, the first ones show which ambient light is rendered.
+        """
+        forecast, inner = self.forecast, {*self.axes, "sbr", "snr", "seed"}
+        worlds = dict[tuple[Any, ...], dict[str, Any]]()
+        trials = set[tuple[Any, ...]]()
+        for cell in missing:
+            values = {name: value for name, value in cell.items() if name not in inner}
+            worlds.setdefault((*values.values(),), values)
+            if values.get(KNOWN) == CALIBRATED:
+                trials.add((*(value for name, value in cell.items() if name != "algorithm"),))
+            else:
+                forecast.cells[cell["algorithm"]] += 1
+                forecast.first.setdefault(cell["algorithm"], cell)
+        forecast.calibrations = len(trials)
+        ways = {name in METHODS and METHODS[name].rays for name in self.methods}
+        for values in worlds.values():
+            place, names = self._folder(values), self.shown.keys() - self.photographs.keys()
+            forecast.photographs |= {self._photograph_file(place, name) for name in names}
+            if values.get(KNOWN) == CALIBRATED:
+                continue
+            light, assumed = self._light(values), self._folder(values, ASSUMED)
+            given = light.samples is not None or light.model is not None
+            forecast.matrices |= {
+                (assumed, light.samples, light.model, way) for way in ([None] if given else ways)
+            }
+            forecast.fits += 1
+        scenes = {self._ambient_folder(values): values for values in worlds.values()}
+        for folder, values in [*scenes.items()][:KEPT] if self._rendered else []:
+            lights = self._cached_lights(values).items()
+            forecast.lights |= {
+                file: name for file, name in lights
+                if not (file.is_file() or (folder / f"{name}.exr").is_file())
+            }  # fmt: skip
+        sizes = {name: len(values) for name, values in axes.items()}
+        if self.flips:
+            sizes["background"] //= len(TURNS)
+            sizes["flip"] = len(TURNS)
+        forecast.show_work(sizes, len(missing))
+
+    def _show_time(
+        self,
+        values: Mapping[str, Any],
+        fit: Callable[[], Any],
+        wall: Photograph,
+        world: "Callable[..., ps.World]",
+    ) -> None:
+        """Print how long a sweep takes, by its first photographs, matrices, fits and light."""
+        from periscopy_sim.evaluation.sweep import LONG, cell_seconds
+
+        forecast = self.forecast
+        if forecast.latest("fit") < LONG:  # to compile what it runs takes as long
+            forecast.timed("fit", fit)
+        light = np.ones_like(wall.values)
+        seconds = {
+            name: cell_seconds(world(backgrounds={cell["background"]: light}), cell)
+            for name, cell in forecast.first.items()
+        }
+        own = self._cached_lights(values)
+        if missing := forecast.lights.keys() & own.keys():
+            file = min(missing, key=lambda each: LIGHT_COST.get(own[each], 1.0))
+            forecast.timed("light", self._traced, values, [own[file]])
+            forecast.rate = forecast.latest("light") / LIGHT_COST.get(
+                forecast.lights.pop(file), 1.0
+            )
+        forecast.show_time(thread_count(self.scheduler), seconds)
 
     def check(self, axes: Mapping[str, Sequence[Any]]) -> None:
         """Reject axes that no world knows, and values that they cannot have.
@@ -240,11 +338,15 @@ class Worlds:
         texts = {n: f"{v:.9g}" if isinstance(v, float) else Path(v).stem for n, v in own.items()}
         return self.out / ",".join(f"{name}={text}" for name, text in texts.items())
 
+    def _photograph_file(self, folder: Path, name: str) -> Path:
+        """Return the file of a hidden image's photograph."""
+        return folder / f"photograph_{name}.exr"
+
     def _signal(self, session: WallSession, folder: Path, name: str) -> Photograph:
         """Return the photograph of a hidden image, given or path traced, from its file if any."""
         if name in self.photographs:
             return self.photographs[name]
-        file = folder / f"photograph_{name}.exr"
+        file = self._photograph_file(folder, name)
         made = {n: session.provenance[n] for n in ("scene_sha256", "parameters", "seed")}
         made |= {"camera": session.sensor}
         made |= {"image_sha256": image_sha256(session.hidden_image(self.shown[name]))}
@@ -279,7 +381,8 @@ class Worlds:
             plan = partial(light.plan, scenario, self.noise, session.seed)
             self._plans[key] = {name: plan(name) for name in self.methods}
         plans = self._plans[key]
-        matrices = {p: self._transport(session, light, p, folder) for p in {*plans.values()}}
+        timed, made = self.forecast.timed, partial(self._transport, session, light, folder=folder)
+        matrices = {plan: timed("matrix", made, plan) for plan in {*plans.values()}}
         B = light.backgrounds(scenario)
         errors = {} if _is_known(values) else free_parameters(scenario.document)
         with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
