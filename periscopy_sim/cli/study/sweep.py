@@ -34,7 +34,6 @@ from periscopy_sim.storage.outputs.places import mirrored
 from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256, sha256_of
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
-from periscopy_sim.storage.outputs.store import attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -185,12 +184,6 @@ def sweep(
     by_default = light.model is None and light.samples is None
     checked = [n for n in names if not (by_default and n in METHODS and METHODS[n].rays)]
     _check_transport(session, results.sel(algorithm=checked), worlds.noise)
-    held = attributes_of(out / "sweep.zarr")["axes"]
-    if more := [axis for axis, values in held.items() if len(values) > results.sizes[axis]]:
-        say(
-            f"sweep.csv and sweep.png have these values alone; sweep.zarr has others of "
-            f"{', '.join(more)}, too, which 'periscopy plot' shows"
-        )
     written(*(out / name for name in RESULTS))
 
 
@@ -257,7 +250,10 @@ def _show_means(results: "xr.Dataset") -> None:
         record(**{surface: values.to_dict("records")})
         cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
-        header = [title, *kept[1:], *(f"SBR {float(ratio):.3g}" for ratio in table.columns)]
+        lights = [
+            "no ambient light" if r == "inf" else f"SBR {float(r):.3g}" for r in table.columns
+        ]
+        header = [title, *kept[1:], *lights]
         show_table(cells.astype(str).values.tolist(), header)
     dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
     if pooled := [str(n) for n in dims if results.sizes[n] > 1]:
