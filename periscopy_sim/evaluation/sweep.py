@@ -6,10 +6,10 @@ more values computes only their cells.
 """
 
 import math
-import time
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from periscopy_sim.evaluation.world import World, WorldMaker
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.machine import timed
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -35,9 +36,6 @@ if TYPE_CHECKING:
 LIGHT = ("image", "background", "sbr", "snr", "seed")
 """Axes of a world's photographs. The axis of methods is `algorithm`, not `method`: xarray's `sel`
 would read `method` as a keyword of its own, and select nothing."""
-
-LONG = 2.0
-"""Seconds of a cell from which on its first run shows its time: what it compiles takes less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,16 +200,10 @@ def run_sweep(
 
 
 def cell_seconds(world: World, cell: Values) -> float:
-    """Measure how long a thread takes for a cell, without what the first one compiles."""
-    shared, asked = (world, 0, ""), (tuple(cell[name] for name in LIGHT), (cell["algorithm"],))
-    seconds = 0.0
+    """Measure how long a thread takes for a cell."""
+    asked = tuple(cell[name] for name in LIGHT), (cell["algorithm"],)
     with threadpool_limits(1):
-        for _ in range(2):
-            if seconds < LONG:
-                started = time.perf_counter()
-                _evaluate(shared, asked)
-                seconds = time.perf_counter() - started
-    return seconds
+        return timed(partial(_evaluate, (world, 0, ""), asked))[0]
 
 
 def _outcomes(

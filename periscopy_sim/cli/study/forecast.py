@@ -20,9 +20,12 @@ AXES = {"algorithm": "method", "background": "place", "sbr": "SBR", "snr": "SNR"
 """Axes of a sweep in words."""
 
 
+PLURALS = {"matrix": "matrices", "geometry": "geometries"}
+
+
 def counted(count: int, noun: str) -> str:
     """Return a count with its noun."""
-    plural = "matrices" if noun == "matrix" else f"{noun}s"
+    plural = PLURALS.get(noun, f"{noun}s")
     return f"{count:,} {noun if count == 1 else plural}"
 
 
@@ -34,15 +37,15 @@ def show_renderings(**numbers: int) -> None:
         say(f"to render: {', '.join(words)}")
 
 
-def show_time(seconds: float, apart: str = "") -> None:
-    """Print how long a command takes, but for what is named apart."""
+def show_time(seconds: float, *apart: str) -> None:
+    """Print how long a command takes, but for what is apart."""
     record(estimated_seconds=round(seconds))
     number, unit = max(float(f"{seconds:.2g}"), 1.0), "s"
     for unit_seconds, name in ((3600, "hours"), (60, "minutes")):
         if seconds > 1.5 * unit_seconds:
             number, unit = float(f"{seconds / unit_seconds:.2g}"), name
             break
-    say(f"about {number:g} {unit} more{apart}")
+    say(" and ".join([f"about {number:g} {unit}", *apart]))
 
 
 @dataclass(eq=False)
@@ -122,6 +125,6 @@ class SweepForecast:
             + max(matrices) * (len(self.matrices) - len(matrices))
             + fit * (self.fits - 1)
             + sum(self.cells[name] * each for name, each in seconds.items()) / threads,
-            f", and {counted(self.calibrations, 'calibration')}" if self.calibrations else "",
+            *([counted(self.calibrations, "calibration")] if self.calibrations else []),
         )
         self.is_shown = True

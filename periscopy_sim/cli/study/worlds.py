@@ -22,6 +22,7 @@ from periscopy_sim.evaluation.workers import thread_count
 from periscopy_sim.evaluation.world import TURNS
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of, size_of
+from periscopy_sim.numerics.machine import LONG
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
@@ -193,10 +194,11 @@ class Worlds:
                 file: name for file, name in lights
                 if not (file.is_file() or (folder / f"{name}.exr").is_file())
             }  # fmt: skip
-        sizes = {name: len(values) for name, values in axes.items()}
-        if self.flips:
-            sizes["background"] //= len(TURNS)
-            sizes["flip"] = len(TURNS)
+        sizes = dict[str, int]()
+        for name, each in axes.items():
+            sizes[name] = len(each)
+            if name == "background" and self.flips:
+                sizes |= {name: len(self.ambient), "flip": len(TURNS)}
         forecast.show_work(sizes, len(missing))
 
     def _show_time(
@@ -207,10 +209,10 @@ class Worlds:
         world: "Callable[..., ps.World]",
     ) -> None:
         """Print how long a sweep takes, by its first photographs, matrices, fits and light."""
-        from periscopy_sim.evaluation.sweep import LONG, cell_seconds
+        from periscopy_sim.evaluation.sweep import cell_seconds
 
         forecast = self.forecast
-        if forecast.latest("fit") < LONG:  # to compile what it runs takes as long
+        if forecast.latest("fit") < LONG:
             forecast.timed("fit", fit)
         light = np.ones_like(wall.values)
         seconds = {

@@ -143,15 +143,15 @@ def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(
     given = command("--flips", snr="40:60:3")
     shown = succeeds(*given)
     assert shown.startswith(
-        "48 results: 2 methods x 1 image x 2 places x 4 flips x 2 SBRs x 3 SNRs\n"
+        "96 results: 2 methods x 1 image x 2 places x 4 flips x 2 SBRs x 3 SNRs\n"
         "to render: 1 matrix\nabout "
     )
     more = json.loads(
         succeeds(*given, "--vary", "truncated-svd.tv_weight=1", "--json", "--out", "b")
     )
-    assert (more["missing"], more["results"]) == (48, 48) and more["estimated_seconds"] >= 0
+    assert (more["missing"], more["results"]) == (96, 96) and more["estimated_seconds"] >= 0
     grown = command("--flips", snr="40:60:3", sbr="0.5,5,50")
-    assert "\n24 of 72 results: " in "\n" + succeeds(*grown)
+    assert "\n48 of 144 results: " in "\n" + succeeds(*grown)
     assert "results:" not in succeeds(*grown) and succeeds(*grown, "-q") == ""
 
 
