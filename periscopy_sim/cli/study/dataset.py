@@ -12,7 +12,7 @@ from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import argument, example_of, option
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
-from periscopy_sim.cli.study.forecast import counted, show_renderings, show_time
+from periscopy_sim.cli.study.forecast import counted, show_parts, show_time
 from periscopy_sim.dataset.make import Work
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError
@@ -65,7 +65,7 @@ def make(
                 else f"{work.megabytes / 1e3:.2g} GB"
             )
             say(f"{counted(work.samples, 'sample')} of {of}, {size} before compression")
-            show_renderings(matrix=work.geometries, ambient_light=work.lights)
+            show_parts(matrix=work.geometries, ambient_light=work.lights)
             lights.extend([counted(work.lights, "ambient light")] if work.lights else [])
 
     with progress("making samples", "samples") as report:

@@ -19,8 +19,8 @@ LIGHT_COST = {"ceiling_panels": 1.8, "desk_lamps": 2.8, "corridor": 7.9}
 AXES = {"algorithm": "method", "background": "place", "sbr": "SBR", "snr": "SNR"}
 """Axes of a sweep in words."""
 
-
 PLURALS = {"matrix": "matrices", "geometry": "geometries"}
+"""Nouns whose plural has more than an s."""
 
 
 def counted(count: int, noun: str) -> str:
@@ -29,12 +29,12 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun if count == 1 else plural}"
 
 
-def show_renderings(**numbers: int) -> None:
-    """Print how many photographs, ambient lights and so on a command renders."""
-    record(renderings=numbers)
+def show_parts(**numbers: int) -> None:
+    """Print how many photographs, ambient lights and so on a command makes."""
+    record(to_make=numbers)
     words = [counted(n, noun.replace("_", " ")) for noun, n in numbers.items() if n]
     if words:
-        say(f"to render: {', '.join(words)}")
+        say(f"to make: {', '.join(words)}")
 
 
 def show_time(seconds: float, *apart: str) -> None:
@@ -54,8 +54,10 @@ class SweepForecast:
 
     Attributes
     ----------
-    photographs, matrices
-        Files that are rendered or read; a matrix by its folder and how it is made.
+    photographs
+        Their files.
+    matrices
+        Patterns of their files, with the number of those that are needed, by folder.
     lights
         Ambient conditions that are rendered, by their files in the user's cache.
     fits
@@ -73,7 +75,7 @@ class SweepForecast:
     """
 
     photographs: set[Path] = field(default_factory=set)
-    matrices: set[Any] = field(default_factory=set)
+    matrices: dict[tuple[Path, str], int] = field(default_factory=dict)
     lights: dict[Path, str] = field(default_factory=dict)
     fits: int = 0
     cells: "Counter[str]" = field(default_factory=Counter)
@@ -96,10 +98,19 @@ class SweepForecast:
         if missing:
             left = f"{missing:,} of " if missing < count else ""
             say(f"{left}{counted(count, 'result')}: {' x '.join(words)}")
-            show_renderings(
-                photograph=sum(not file.is_file() for file in self.photographs),
-                ambient_light=len(self.lights), matrix=len(self.matrices),
+            photographs, matrices = self._missing()
+            show_parts(
+                photograph=photographs, ambient_light=len(self.lights), matrix=matrices,
+                calibration=self.calibrations,
             )  # fmt: skip
+
+    def _missing(self) -> tuple[int, int]:
+        """Return how many photographs and matrices are missing."""
+        held = {key: len([*key[0].glob(key[1])]) for key in self.matrices}
+        return (
+            sum(not file.is_file() for file in self.photographs),
+            sum(max(count - held[key], 0) for key, count in self.matrices.items()),
+        )
 
     def timed(
         self, part: str, make: Callable[Given, Made], *given: Given.args, **named: Given.kwargs
@@ -118,11 +129,11 @@ class SweepForecast:
         """Print how long the rest takes, by the seconds of a thread for a result of each method."""
         matrices, fits = (self._seconds.get(part, []) for part in ("matrix", "fit"))
         fit = fits[-1] - (sum(matrices) if len(fits) == 1 else 0.0)
-        left = sum(not file.is_file() for file in self.photographs)
+        photographs_left, matrices_left = self._missing()
         show_time(
-            max(self._seconds["photograph"]) * left
+            max(self._seconds["photograph"]) * photographs_left
             + self.rate * sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
-            + max(matrices) * (len(self.matrices) - len(matrices))
+            + max(matrices) * matrices_left
             + fit * (self.fits - 1)
             + sum(self.cells[name] * each for name, each in seconds.items()) / threads,
             *([counted(self.calibrations, "calibration")] if self.calibrations else []),

@@ -1,6 +1,7 @@
 """The worlds of a sweep: what each needs is rendered once, and kept in its folder."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -182,18 +183,18 @@ class Worlds:
             if values.get(KNOWN) == CALIBRATED:
                 continue
             light, assumed = self._light(values), self._folder(values, ASSUMED)
-            given = light.samples is not None or light.model is not None
-            forecast.matrices |= {
-                (assumed, light.samples, light.model, way) for way in ([None] if given else ways)
-            }
+            if light.samples is not None:
+                forecast.matrices[assumed, f"A_{light.samples}_rays*.npy"] = 1
+            else:
+                forecast.matrices[assumed, "A*.npy"] = len(ways) if light.model is None else 1
             forecast.fits += 1
         scenes = {self._ambient_folder(values): values for values in worlds.values()}
         for folder, values in [*scenes.items()][:KEPT] if self._rendered else []:
-            lights = self._cached_lights(values).items()
-            forecast.lights |= {
-                file: name for file, name in lights
-                if not (file.is_file() or (folder / f"{name}.exr").is_file())
-            }  # fmt: skip
+            with suppress(SceneError):  # which fails alone
+                forecast.lights |= {
+                    file: name for file, name in self._cached_lights(values).items()
+                    if not (file.is_file() or (folder / f"{name}.exr").is_file())
+                }  # fmt: skip
         sizes = dict[str, int]()
         for name, each in axes.items():
             sizes[name] = len(each)
@@ -214,18 +215,14 @@ class Worlds:
         forecast = self.forecast
         if forecast.latest("fit") < LONG:
             forecast.timed("fit", fit)
-        light = np.ones_like(wall.values)
-        seconds = {
-            name: cell_seconds(world(backgrounds={cell["background"]: light}), cell)
-            for name, cell in forecast.first.items()
-        }
+        names = {cell["background"] for cell in forecast.first.values()}
+        evenly_lit = world(backgrounds=dict.fromkeys(names, np.ones_like(wall.values)))
+        seconds = {name: cell_seconds(evenly_lit, cell) for name, cell in forecast.first.items()}
         own = self._cached_lights(values)
         if missing := forecast.lights.keys() & own.keys():
             file = min(missing, key=lambda each: LIGHT_COST.get(own[each], 1.0))
-            forecast.timed("light", self._traced, values, [own[file]])
-            forecast.rate = forecast.latest("light") / LIGHT_COST.get(
-                forecast.lights.pop(file), 1.0
-            )
+            forecast.timed("light", self._traced, values, [forecast.lights.pop(file)])
+            forecast.rate = forecast.latest("light") / LIGHT_COST.get(own[file], 1.0)
         forecast.show_time(thread_count(self.scheduler), seconds)
 
     def check(self, axes: Mapping[str, Sequence[Any]]) -> None:

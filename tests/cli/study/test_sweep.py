@@ -144,7 +144,7 @@ def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(
     shown = succeeds(*given)
     assert shown.startswith(
         "96 results: 2 methods x 1 image x 2 places x 4 flips x 2 SBRs x 3 SNRs\n"
-        "to render: 1 matrix\nabout "
+        "to make: 1 matrix\nabout "
     )
     more = json.loads(
         succeeds(*given, "--vary", "truncated-svd.tv_weight=1", "--json", "--out", "b")
@@ -163,7 +163,7 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
         "--ambient", "none", "--methods", "noise-aware,preconditioned",
     )  # fmt: skip
     shown = succeeds(*study, "--out", "out")
-    assert "\nto render: 4 photographs, 8 matrices\n" in shown
+    assert "\nto make: 4 photographs, 8 matrices\n" in shown
     assert len([*Path("out").rglob("A*.npy")]) == 8 and "no ambient light" in shown
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
