@@ -165,13 +165,14 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
     shown = succeeds(*study, "--out", "out")
     assert "\nto make: 4 photographs, 8 matrices\n" in shown
     assert len([*Path("out").rglob("A*.npy")]) == 8 and "no ambient light" in shown
+    assert "to make" not in succeeds(*study, "--seeds", "2", "--out", "out")
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
         assert results.background.values.tolist() == ["none"]
 
 
 @pytest.mark.usefixtures("jit")
-def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(succeeds):
+def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(succeeds, refused):
     def rows(*more):
         succeeds("plot", "out", *more, "--out", "t.csv")
         return len(Path("t.csv").read_text("utf-8").splitlines()) - 1
@@ -183,6 +184,11 @@ def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(su
     assert "algorithm, sbr" in said and rows() == 2
     assert rows("--at", "sbr=0.5,50") == 2 and rows("--at", "algorithm=truncated-svd") == 2
     assert rows("--reference", "truncated-svd") == 2
+    for chunks in Path("out/sweep.zarr").glob("*/c"):
+        if chunks.parent.name in ("mean_squared_error", "failure"):
+            shutil.rmtree(chunks)  # as before the first result
+    assert "no result yet" in refused("plot", "out", "--out", "p.png")
+    assert "holds no sweep" in refused("plot", "out/sweep.zarr/making", "--out", "p.png")
 
 
 @pytest.mark.usefixtures("jit", "drawings")
