@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,11 +13,13 @@ from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import argument, example_of, option
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
 from periscopy_sim.cli.study.forecast import counted, show_parts, show_time
-from periscopy_sim.dataset.make import Work
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
+
+if TYPE_CHECKING:
+    from periscopy_sim.dataset.make import Work
 
 _CONFIGURATION = "The configuration; see --example."
 _COUNT = "Samples, instead of the configuration's."
@@ -56,7 +58,7 @@ def make(
     settings = ps.load_configuration(configuration)
     start, lights = time.perf_counter(), list[str]()
 
-    def planned(work: Work) -> None:
+    def planned(work: "Work") -> None:
         if work.samples:
             of = counted(work.geometries, "geometry")
             size = (

@@ -1,13 +1,20 @@
 """What a long command will do, and how long it takes, printed before it does it."""
 
+import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from periscopy_sim.cli.output import record, say
+from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.machine import LONG
+
+if TYPE_CHECKING:
+    from periscopy_sim.evaluation.world import World
 
 Given = ParamSpec("Given")
 Made = TypeVar("Made")
@@ -18,6 +25,12 @@ LIGHT_COST = {"ceiling_panels": 1.8, "desk_lamps": 2.8, "corridor": 7.9}
 
 AXES = {"algorithm": "method", "background": "place", "sbr": "SBR", "snr": "SNR"}
 """Axes of a sweep in words."""
+
+OF_PHOTOGRAPHS = "algorithm", "image", "background", "sbr", "snr", "seed"
+"""Axes that every sweep has."""
+
+SCENES = 8
+"""Scenes that are loaded before a sweep starts."""
 
 PLURALS = {"matrix": "matrices", "geometry": "geometries"}
 """Nouns whose plural has more than an s."""
@@ -46,6 +59,29 @@ def show_time(seconds: float, *apart: str) -> None:
             number, unit = float(f"{seconds / unit_seconds:.2g}"), name
             break
     say(" and ".join([f"about {number:g} {unit}", *apart]))
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What a world of a sweep is made of.
+
+    Attributes
+    ----------
+    photographs
+        Their files.
+    matrices
+        Folder and pattern of their files, and the number that is needed; None where the methods
+        calibrate the scene.
+    place
+        Folder of the ambient light.
+    lights
+        Returns the ambient conditions that are rendered, by their files in the user's cache.
+    """
+
+    photographs: set[Path]
+    matrices: tuple[Path, str, int] | None
+    place: Path
+    lights: Callable[[], Mapping[Path, str]]
 
 
 @dataclass(eq=False)
@@ -85,19 +121,58 @@ class SweepForecast:
     is_shown: bool = False
     _seconds: dict[str, list[float]] = field(default_factory=dict, init=False)
 
-    def show_work(self, sizes: Mapping[str, int], missing: int) -> None:
-        """Print the results as a product over the axes, and what is rendered."""
-        words, count = list[str](), 1
-        for axis, size in sizes.items():
-            count *= size
-            if size > 1 or axis in ("algorithm", "image"):
-                is_known = axis in (*AXES, "image", "flip", "seed")
-                noun = AXES.get(axis, axis)
-                words.append(counted(size, noun) if is_known else f"{size} values of {axis}")
-        record(missing=missing, results=count)
+    def begin(
+        self,
+        axes: Mapping[str, Sequence[Any]],
+        missing: Sequence[Mapping[str, Any]],
+        parts_of: Callable[[Mapping[str, Any]], Parts],
+        flips: int,
+    ) -> None:
+        """Print the results as a product over the axes, and what those that are missing need.
+
+        Of more than `SCENES` scenes, the first ones show which ambient light is rendered.
+        """
+        worlds = dict[tuple[Any, ...], Parts]()
+        trials, places = set[tuple[Any, ...]](), dict[Path, Parts]()
+        for cell in missing:
+            values = {name: value for name, value in cell.items() if name not in OF_PHOTOGRAPHS}
+            if (key := (*values.values(),)) not in worlds:
+                worlds[key] = parts = parts_of(values)
+                places.setdefault(parts.place, parts)
+                self.photographs |= parts.photographs
+                if parts.matrices:
+                    folder, pattern, count = parts.matrices
+                    self.matrices[folder, pattern] = count
+                    self.fits += 1
+            if worlds[key].matrices:
+                self.cells[cell["algorithm"]] += 1
+                self.first.setdefault(cell["algorithm"], cell)
+            else:
+                trials.add((*(value for name, value in cell.items() if name != "algorithm"),))
+        self.calibrations = len(trials)
+        for place, parts in [*places.items()][:SCENES]:
+            with suppress(SceneError):  # which fails alone
+                self.lights |= {
+                    file: name for file, name in parts.lights().items()
+                    if not (file.is_file() or (place / f"{name}.exr").is_file())
+                }  # fmt: skip
+        sizes = {name: len(values) for name, values in axes.items()}
+        results = math.prod(sizes.values())
+        record(missing=len(missing), results=results)
+        words = list[str]()
+        for name, size in sizes.items():
+            of_flips = flips if name == "background" else 1
+            noun = AXES.get(name, name)
+            if size > of_flips or name in ("algorithm", "image"):
+                is_known = name in OF_PHOTOGRAPHS
+                words.append(
+                    counted(size // of_flips, noun) if is_known else f"{size} values of {name}"
+                )
+            if of_flips > 1:
+                words.append(counted(flips, "flip"))
         if missing:
-            left = f"{missing:,} of " if missing < count else ""
-            say(f"{left}{counted(count, 'result')}: {' x '.join(words)}")
+            left = f"{len(missing):,} of " if len(missing) < results else ""
+            say(f"{left}{counted(results, 'result')}: {' x '.join(words)}")
             photographs, matrices = self._missing()
             show_parts(
                 photograph=photographs, ambient_light=len(self.lights), matrix=matrices,
@@ -121,20 +196,38 @@ class SweepForecast:
         self._seconds.setdefault(part, []).append(time.perf_counter() - started)
         return made
 
-    def latest(self, part: str) -> float:
-        """Return the latest time of a part."""
-        return self._seconds[part][-1]
+    def measure(
+        self,
+        fit: Callable[[], Any],
+        evenly_lit: "Callable[[Collection[str]], World]",
+        own_lights: Collection[Path],
+        trace: Callable[[str], Any],
+        threads: int,
+    ) -> None:
+        """Print how long the rest takes, by the parts of the first world and some more.
 
-    def show_time(self, threads: int, seconds: Mapping[str, float]) -> None:
-        """Print how long the rest takes, by the seconds of a thread for a result of each method."""
+        The functions fit the methods, return this world in even light of some names, and trace one
+        of its own ambient conditions; so many threads reconstruct.
+        """
+        from periscopy_sim.evaluation.sweep import cell_seconds
+
+        if self._seconds["fit"][-1] < LONG:  # without what the first one compiles
+            self.timed("fit", fit)
+        world = evenly_lit({cell["background"] for cell in self.first.values()})
+        seconds = {name: cell_seconds(world, cell) for name, cell in self.first.items()}
+        if missing := self.lights.keys() & own_lights:
+            file = min(missing, key=lambda each: LIGHT_COST.get(self.lights[each], 1.0))
+            name = self.lights.pop(file)
+            self.timed("light", trace, name)
+            self.rate = self._seconds["light"][-1] / LIGHT_COST.get(name, 1.0)
         matrices, fits = (self._seconds.get(part, []) for part in ("matrix", "fit"))
-        fit = fits[-1] - (sum(matrices) if len(fits) == 1 else 0.0)
+        of_fit = fits[-1] - (sum(matrices) if len(fits) == 1 else 0.0)
         photographs_left, matrices_left = self._missing()
         show_time(
             max(self._seconds["photograph"]) * photographs_left
             + self.rate * sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
             + max(matrices) * matrices_left
-            + fit * (self.fits - 1)
+            + of_fit * (self.fits - 1)
             + sum(self.cells[name] * each for name, each in seconds.items()) / threads,
             *([counted(self.calibrations, "calibration")] if self.calibrations else []),
         )

@@ -169,7 +169,9 @@ def sweep(
         with progress("sweeping") as report:
             results = sweeps.run_sweep(
                 whole, out, scheduler=scheduler, progress=report,
-                planned=lambda missing: worlds.show_work(whole.axes, missing),
+                planned=lambda missing: worlds.forecast.begin(
+                    whole.axes, missing, worlds.parts, len(flipped_names("", flips))
+                ),
                 timed=lambda name, taken: seconds[name].append(taken),
             )  # fmt: skip
         with staged_file(out / "sweep.png") as file:

@@ -1,7 +1,6 @@
 """The worlds of a sweep: what each needs is rendered once, and kept in its folder."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,13 +16,11 @@ from periscopy_sim.cli.output import fixable, part_of_command, progress
 from periscopy_sim.cli.render import photograph as take_photograph
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
-from periscopy_sim.cli.study.forecast import LIGHT_COST, SweepForecast
+from periscopy_sim.cli.study.forecast import Parts, SweepForecast
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
 from periscopy_sim.evaluation.workers import thread_count
-from periscopy_sim.evaluation.world import TURNS
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of, size_of
-from periscopy_sim.numerics.machine import LONG
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
@@ -128,7 +125,12 @@ class Worlds:
             measures=self.measures,
         )
         if plans and not self.forecast.is_shown:
-            self._show_time(values, fit, wall, world)
+            light = np.ones_like(wall.values)
+            self.forecast.measure(
+                fit, lambda names: world(backgrounds=dict.fromkeys(names, light)),
+                self._cached_lights(values), lambda name: self._traced(values, [name]),
+                thread_count(self.scheduler),
+            )  # fmt: skip
         traced = self._traced(values, self._rendered)
         seen = {
             name: seen_in(traced[name] if light is None else light, wall.channels)
@@ -157,73 +159,22 @@ class Worlds:
         paths = {name: find_condition(name) for name in self._rendered}
         return {cached_light(path, true.scenario, true.seed): n for n, path in paths.items()}
 
-    def show_work(
-        self, axes: Mapping[str, Sequence[Any]], missing: Sequence[Mapping[str, Any]]
-    ) -> None:
-        """Print the results that a sweep over axes lacks, and what is rendered for them.
-
-        Of more than `KEPT` scenes, the first ones show which ambient light is rendered.
-        """
-        forecast, inner = self.forecast, {*self.axes, "sbr", "snr", "seed"}
-        worlds = dict[tuple[Any, ...], dict[str, Any]]()
-        trials = set[tuple[Any, ...]]()
-        for cell in missing:
-            values = {name: value for name, value in cell.items() if name not in inner}
-            worlds.setdefault((*values.values(),), values)
-            if values.get(KNOWN) == CALIBRATED:
-                trials.add((*(value for name, value in cell.items() if name != "algorithm"),))
-            else:
-                forecast.cells[cell["algorithm"]] += 1
-                forecast.first.setdefault(cell["algorithm"], cell)
-        forecast.calibrations = len(trials)
+    def parts(self, values: Mapping[str, Any]) -> Parts:
+        """Return what the world of values of axes is made of."""
+        light, folder = self._light(values), self._folder(values, ASSUMED)
         ways = {name in METHODS and METHODS[name].rays for name in self.methods}
-        for values in worlds.values():
-            place, names = self._folder(values), self.shown.keys() - self.photographs.keys()
-            forecast.photographs |= {self._photograph_file(place, name) for name in names}
-            if values.get(KNOWN) == CALIBRATED:
-                continue
-            light, assumed = self._light(values), self._folder(values, ASSUMED)
-            if light.samples is not None:
-                forecast.matrices[assumed, f"A_{light.samples}_rays*.npy"] = 1
-            else:
-                forecast.matrices[assumed, "A*.npy"] = len(ways) if light.model is None else 1
-            forecast.fits += 1
-        scenes = {self._ambient_folder(values): values for values in worlds.values()}
-        for folder, values in [*scenes.items()][:KEPT] if self._rendered else []:
-            with suppress(SceneError):  # which fails alone
-                forecast.lights |= {
-                    file: name for file, name in self._cached_lights(values).items()
-                    if not (file.is_file() or (folder / f"{name}.exr").is_file())
-                }  # fmt: skip
-        sizes = dict[str, int]()
-        for name, each in axes.items():
-            sizes[name] = len(each)
-            if name == "background" and self.flips:
-                sizes |= {name: len(self.ambient), "flip": len(TURNS)}
-        forecast.show_work(sizes, len(missing))
-
-    def _show_time(
-        self,
-        values: Mapping[str, Any],
-        fit: Callable[[], Any],
-        wall: Photograph,
-        world: "Callable[..., ps.World]",
-    ) -> None:
-        """Print how long a sweep takes, by its first photographs, matrices, fits and light."""
-        from periscopy_sim.evaluation.sweep import cell_seconds
-
-        forecast = self.forecast
-        if forecast.latest("fit") < LONG:
-            forecast.timed("fit", fit)
-        names = {cell["background"] for cell in forecast.first.values()}
-        evenly_lit = world(backgrounds=dict.fromkeys(names, np.ones_like(wall.values)))
-        seconds = {name: cell_seconds(evenly_lit, cell) for name, cell in forecast.first.items()}
-        own = self._cached_lights(values)
-        if missing := forecast.lights.keys() & own.keys():
-            file = min(missing, key=lambda each: LIGHT_COST.get(own[each], 1.0))
-            forecast.timed("light", self._traced, values, [forecast.lights.pop(file)])
-            forecast.rate = forecast.latest("light") / LIGHT_COST.get(own[file], 1.0)
-        forecast.show_time(thread_count(self.scheduler), seconds)
+        matrices = f"A_{light.samples}_rays*.npy" if light.samples else "A*.npy"
+        count = 1 if light.samples or light.model else len(ways)
+        is_calibrated = values.get(KNOWN) == CALIBRATED
+        return Parts(
+            photographs={
+                self._photograph_file(self._folder(values), name)
+                for name in self.shown.keys() - self.photographs.keys()
+            },
+            matrices=None if is_calibrated else (folder, matrices, count),
+            place=self._ambient_folder(values),
+            lights=partial(self._cached_lights, values),
+        )
 
     def check(self, axes: Mapping[str, Sequence[Any]]) -> None:
         """Reject axes that no world knows, and values that they cannot have.
