@@ -215,7 +215,7 @@ class SweepForecast:
             self.timed("fit", fit)
         world = evenly_lit({cell["background"] for cell in self.first.values()})
         seconds = {name: cell_seconds(world, cell) for name, cell in self.first.items()}
-        if missing := self.lights.keys() & own_lights:
+        if missing := [file for file in own_lights if file in self.lights]:
             file = min(missing, key=lambda each: LIGHT_COST.get(self.lights[each], 1.0))
             name = self.lights.pop(file)
             self.timed("light", trace, name)
