@@ -139,9 +139,10 @@ class Setting(FittedScene):
 
     def backgrounds(self, names: Sequence[str] = REALISTIC) -> dict[str, Array]:
         """Photographs of the board under ambient light: the realistic conditions, or others."""
-        return ambient_photographs(
+        lit = ambient_photographs(
             names, self.scenario, self.rendered, self.seed, target=AMBIENT_ERROR
         )
+        return {name: light.photograph for name, light in lit.items()}
 
     @property
     def adversarial(self) -> dict[str, Array]:

@@ -29,7 +29,7 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     signal, background = np.asarray(signal, np.float64), np.asarray(background, np.float64)
     if signal.shape != background.shape:
         raise InputError(f"signal {signal.shape} and background {background.shape} differ in shape")
-    if not (np.isfinite(sbr) and sbr > 0):
+    if not sbr > 0:
         raise InputError(f"the signal-to-background ratio must be positive, not {sbr}")
     if not (signal.mean() > 0 and background.mean() > 0):
         raise InputError("signal and background must have a positive mean")

@@ -23,6 +23,22 @@ def jit():
         pytest.skip("; ".join(f"{report.name}: {report.reason}" for report in reports))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _no_user_cache(tmp_path_factory):
+    """Keep fixtures that tests share out of the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PERISCOPY_DATA", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(autouse=True)
+def user_cache(tmp_path_factory, monkeypatch):
+    """Give each test a cache of its own: some trace fewer paths."""
+    folder = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("PERISCOPY_DATA", str(folder))
+    return folder
+
+
 @pytest.fixture
 def drawings():
     """Ask for figures as they are, where a test is about them; see `blank_figures`."""

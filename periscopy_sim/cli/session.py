@@ -27,6 +27,7 @@ from periscopy_sim.reconstruction.registry import DEFAULT, RAYS
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.scene import CAMERA
+from periscopy_sim.storage.ambient_library import TARGET, ambient_light, find_condition
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 
 if TYPE_CHECKING:
@@ -177,15 +178,13 @@ class Session(options.OptionGroup):
         images = {n: ps.read_hidden_image(ps.find_image(by_id[n]), hidden[n].shape) for n in hidden}
         return hidden.unwrapped(images)
 
-    def ambient_light(self, name: str, target: float = 3e-4) -> "ps.Background":
-        """Return ambient light: a photograph's, of no known error, or path traced to a target."""
-        if Path(name).is_file():
+    def ambient_light(self, name: str, target: float = TARGET) -> "ps.Background":
+        """Return ambient light: of a photograph, of no known error, or of a condition."""
+        if Path(name).suffix != ".xml" and Path(name).is_file():
             return ps.Background(self.photograph(Path(name)).values, 0.0, 0.0)
-        with progress("path tracing the ambient light") as report:
-            seed = self.seed + 1  # other paths than the photograph's
-            return ps.render_background(
-                f"ambient/{name}", self.scenario, target=target, seed=seed, progress=report
-            )
+        return ambient_light(
+            find_condition(name), self.scenario, self.seed, target=target, progress=progress
+        )
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""

@@ -18,13 +18,15 @@ from periscopy_sim.dataset.samples import (
     GeometryDraw,
     backgrounds_of,
     draw_geometry,
+    flat_backgrounds,
     make_samples,
+    missing_lights,
     render_geometry,
     scenario_of,
 )
 from periscopy_sim.errors import ConfigurationError, OutputError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
-from periscopy_sim.numerics.machine import ahead
+from periscopy_sim.numerics.machine import ahead, timed
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
@@ -50,12 +52,34 @@ class Made:
     empty_splits: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Work:
+    """What a run makes: samples and geometries that a data set lacks.
+
+    Attributes
+    ----------
+    samples, geometries
+        Their numbers.
+    lights
+        Number of ambient conditions that are rendered.
+    megabytes
+        Size of the samples before compression.
+    """
+
+    samples: int
+    geometries: int
+    lights: int
+    megabytes: float
+
+
 def make_dataset(
     configuration: Configuration,
     out: str | Path,
     *,
     count: int | None = None,
     scheduler: str | None = None,
+    planned: Callable[[Work], None] | None = None,
+    estimated: Callable[[float], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
     rendering: Progress = silent,
 ) -> Made:
@@ -72,6 +96,11 @@ def make_dataset(
         Samples, instead of the configuration's; may grow from run to run.
     scheduler
         Address of a Dask scheduler; None for this process.
+    planned
+        Called with what the run makes, before it does.
+    estimated
+        Called with the seconds that it takes, by the first geometry and block, but for ambient
+        light. A run on a scheduler calls it never.
     progress
         Called with the samples that are done and those that there will be, before each block is
         kept; an exception that it raises stops the making.
@@ -127,11 +156,21 @@ def make_dataset(
             (block for (block,) in store.missing()), lambda block: block // blocks_each
         )
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
-        backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
         made = sum(store.layout.size((n,)) for blocks in shares.values() for n in blocks)
-        done = layout.count - made
+        done, blocks = layout.count - made, sum(map(len, shares.values()))
+        if planned is not None:
+            rooms = missing_lights(settings, first, out / MAKING) if shares else 0
+            planned(Work(made, len(shares), rooms, 1e-6 * made * layout.sample_bytes))
+        begun: dict[int, Geometry] = {}
+        if shares and scheduler is None and estimated is not None:
+            flat = settings, layout.photograph_shape, flat_backgrounds(settings, first)
+            number, (block, *_) = next(iter(shares.items()))
+            of_geometry, begun[number] = timed(partial(_geometry, flat, number))
+            of_block, _ = timed(partial(_block, flat, (begun[number], block)))
+            estimated((len(shares) - 1) * of_geometry + blocks * of_block)
+        backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
         shared = settings, layout.photograph_shape, backgrounds
-        for block, values in _made(shared, shares, scheduler, store):
+        for block, values in _made(shared, shares, scheduler, store, begun):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
             if values:
@@ -156,15 +195,23 @@ def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -
 
 
 def _made(
-    shared: "_Shared", shares: Mapping[int, Sequence[int]], scheduler: str | None, store: BlockStore
+    shared: "_Shared",
+    shares: Mapping[int, Sequence[int]],
+    scheduler: str | None,
+    store: BlockStore,
+    begun: dict[int, Geometry],
 ) -> Iterator[tuple[int, Block]]:
     """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
 
-    Workers write to a place that all reach themselves: such blocks are empty.
+    Workers write to a place that all reach themselves: such blocks are empty. Geometries that are
+    `begun` are not rendered again.
     """
     if scheduler is None or not shares:
         # A of a geometry is made here, beside the last photographs of the one before on threads.
-        ready = ((_geometry(shared, number), blocks) for number, blocks in shares.items())
+        ready = (
+            (begun.pop(number) if number in begun else _geometry(shared, number), blocks)
+            for number, blocks in shares.items()
+        )
         work = ((geometry, block) for geometry, blocks in ready for block in blocks)
         yield from ahead(partial(_block, shared), work)
         return

@@ -92,6 +92,13 @@ class Layout:
                 del sizes[name]  # older data sets have none
         return dict(json.loads(json.dumps(sizes)))
 
+    @property
+    def sample_bytes(self) -> int:
+        """Bytes of a sample's images before compression."""
+        pixels = np.prod(self.photograph_shape) * (1 + self.keep_background)
+        patches = sum(np.prod(shape) for shape in self.hidden.values())
+        return len(CHANNELS) * int(pixels * np.dtype(self.photograph_type).itemsize + 4 * patches)
+
     def of_store(self) -> StoreLayout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""
         from zarr.codecs import BloscCodec, Crc32cCodec

@@ -23,6 +23,7 @@ from periscopy_sim.dataset.configuration import (
     Configuration,
     Darkness,
     Lamps,
+    Mixture,
     Pictures,
 )
 from periscopy_sim.dataset.distributions import Distribution, Source
@@ -37,7 +38,12 @@ from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
 from periscopy_sim.rendering.transport.plan import planned
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.ambient_library import Progress, ambient_photographs
+from periscopy_sim.storage.ambient_library import (
+    Progress,
+    ambient_photographs,
+    cached_light,
+    find_condition,
+)
 from periscopy_sim.storage.photographs import read_photograph
 
 GEOMETRY, CLIP, NOISE, SPLIT = 0, 1, 2, 4
@@ -356,6 +362,37 @@ def render_geometry(settings: Configuration, number: int) -> Geometry:
     return Geometry(draw, scenario, A)
 
 
+def missing_lights(settings: Configuration, scenario: Scenario, folder: Path) -> int:
+    """Return how many conditions `backgrounds_of` renders."""
+    wall, files = _in_grey(scenario), set[Path]()
+    for number, source in enumerate(settings.ambient):
+        if not isinstance(source, Conditions):
+            continue
+        for name in source.names:
+            kept = folder / f"ambient-{number}" / f"{Path(name).stem}.exr"
+            file = cached_light(find_condition(name), wall, settings.seed, source.target)
+            files |= set() if kept.is_file() or file.is_file() else {file}
+    return len(files)
+
+
+def flat_backgrounds(settings: Configuration, scenario: Scenario) -> Backgrounds:
+    """Return even light in the place of `backgrounds_of`, to try how long a sample takes."""
+    shape = (*scenario.photograph_shape, 3)
+    counts = {
+        number: len(source.names if isinstance(source, Conditions) else source.files)
+        for number, source in enumerate(settings.ambient) if isinstance(source, Mixture)
+    }  # fmt: skip
+    return {number: np.ones((count, *shape), np.float32) for number, count in counts.items()}
+
+
+def _in_grey(scenario: Scenario) -> Scenario:
+    """Return a scenario whose wall has no colour and no texture."""
+    view = scenario.view.even
+    if view.reflectance is None:
+        return scenario
+    return replace(scenario, view=replace(view, reflectance=view.reflectance / view.channel_gain))
+
+
 def backgrounds_of(
     settings: Configuration, scenario: Scenario, folder: Path, progress: Progress
 ) -> Backgrounds:
@@ -363,17 +400,14 @@ def backgrounds_of(
 
     Pictures show the scene's wall, with a positive mean; `folder` keeps rendered conditions.
     """
-    light: dict[int, NDArray[np.float32]] = {}
-    view = scenario.view.even
-    if view.reflectance is not None:
-        grey = view.reflectance / view.channel_gain
-        scenario = replace(scenario, view=replace(view, reflectance=grey))
+    scenario, light = _in_grey(scenario), dict[int, NDArray[np.float32]]()
     for number, source in enumerate(settings.ambient):
         if isinstance(source, Conditions):
-            pictures = ambient_photographs(
+            rendered = ambient_photographs(
                 source.names, scenario, folder / f"ambient-{number}", settings.seed,
                 target=source.target, progress=progress,
             )  # fmt: skip
+            pictures = {name: light.photograph for name, light in rendered.items()}
         elif isinstance(source, Pictures):
             shape = scenario.photograph_shape
             pictures = {}

@@ -6,15 +6,15 @@ more values computes only their cells.
 """
 
 import math
-import time
-import warnings
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError, SceneError
 from periscopy_sim.evaluation.methods import estimates_by, without_addresses
@@ -26,6 +26,7 @@ from periscopy_sim.evaluation.world import World, WorldMaker
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.machine import timed
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -37,9 +38,6 @@ LIGHT = ("image", "background", "sbr", "snr", "seed")
 """Axes of a world's photographs. The axis of methods is `algorithm`, not `method`: xarray's `sel`
 would read `method` as a keyword of its own, and select nothing."""
 
-LONG, FIRST = 24.0, 16
-"""Hours from which on a sweep says how long it takes, and the cells by which it knows."""
-
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
@@ -50,7 +48,8 @@ class Sweep:
     world
         A `World`, or what makes one of values of `vary`.
     sbrs, snrs
-        Signal-to-background ratios, and signal-to-noise ratios in dB.
+        Signal-to-background ratios, infinite without ambient light, and signal-to-noise ratios in
+        dB.
     seeds
         Labels of the noise draws for each image, background and SBR.
     seed
@@ -86,7 +85,7 @@ class Sweep:
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
         if taken := {"algorithm", *LIGHT} & {*self.vary}:
             raise PeriscopyError(f"vary: {', '.join(taken)} is an axis of its own")
-        if not (np.isfinite([*self.sbrs, *self.snrs]).all() and min(self.sbrs) > 0):
+        if not (np.isfinite(self.snrs).all() and all(sbr > 0 for sbr in self.sbrs)):
             raise PeriscopyError(
                 f"SBR {list(self.sbrs)}, SNR {list(self.snrs)}: give positive SBRs and SNRs in dB"
             )
@@ -116,6 +115,7 @@ def run_sweep(
     folder: str | Path,
     *,
     scheduler: str | None = None,
+    planned: Callable[[Sequence[Values]], None] | None = None,
     progress: Callable[[float], None] | None = None,
     timed: Callable[[str, float], None] | None = None,
 ) -> "xr.Dataset":
@@ -133,6 +133,8 @@ def run_sweep(
         Gets ``sweep.zarr`` and ``sweep.csv``, a row for each cell; or a URL that fsspec opens.
     scheduler
         Address of a Dask scheduler; None uses this machine's cores.
+    planned
+        Called with the cells that are missing, before the first world is made.
     progress
         Called with the fraction done.
     timed
@@ -162,12 +164,12 @@ def run_sweep(
         folder / "sweep.zarr", axes, images, conditions, worlds.conditions_of, sweep.units,
         worlds.measures,
     )  # fmt: skip
-    missing, count, is_estimated = store.missing(), math.prod(map(len, axes.values())), False
+    missing, count = store.missing(), math.prod(map(len, axes.values()))
     done, failed = count - len(missing), list[tuple[Values, str]]()
-    groups = _by(sweep.vary, missing)
-    for n, (values, cells) in enumerate(groups.items(), 1):
+    if planned is not None:
+        planned(missing)
+    for values, cells in _by(sweep.vary, missing).items():
         at = dict(zip(sweep.vary, values, strict=True))
-        started = time.monotonic()
         try:
             world = worlds(**at)
         except PeriscopyError as error:
@@ -177,9 +179,8 @@ def run_sweep(
                 raise
             done += len(cells)
             continue
-        begun = time.monotonic()
         with closing(_outcomes(sweep, world, at, cells, scheduler)) as found:
-            for k, (cell, outcome) in enumerate(found, 1):
+            for cell, outcome in found:
                 seconds = outcome.pop("seconds", None)
                 if timed is not None and seconds is not None:
                     timed(cell["algorithm"], seconds)
@@ -187,9 +188,6 @@ def run_sweep(
                 done += 1
                 if progress is not None:
                     progress(done / count)
-                if not is_estimated and k == min(FIRST, len(cells)):
-                    is_estimated, of_cell = True, (time.monotonic() - begun) / k
-                    _warn_if_long((len(groups) - n) * (begun - started) + (count - done) * of_cell)
     for cell, why in failed:
         store.write(cell, {"failure": why})
     results = store.load()
@@ -202,11 +200,11 @@ def run_sweep(
     return results
 
 
-def _warn_if_long(seconds: float) -> None:
-    """Warn of a sweep that takes more than a day."""
-    if seconds > 3600 * LONG:
-        more = f"{seconds / 3600:.0f} hours more; give its axes fewer values, or it more workers"
-        warnings.warn(f"the sweep takes about {more}", stacklevel=3)
+def cell_seconds(world: World, cell: Values) -> float:
+    """Measure how long a thread takes for a cell."""
+    asked = tuple(cell[name] for name in LIGHT), (cell["algorithm"],)
+    with threadpool_limits(1):
+        return timed(partial(_evaluate, (world, 0, ""), asked))[0]
 
 
 def _outcomes(

@@ -45,7 +45,8 @@ Values = Mapping[str, Any]
 class SweepStore:
     """A sweep's results, in the making or complete, a cell a block.
 
-    A store keeps the values that earlier sweeps gave its axes; a sweep adds its own. Of several
+    A store keeps the values that earlier sweeps gave its axes; a sweep adds its own, and its
+    attribute ``asked`` has those of the last sweep. Of several
     surfaces each variable is there for each, as ``psnr_ID``; of several sizes each has its images,
     as ``reconstruction_29x36``.
 
@@ -116,7 +117,7 @@ class SweepStore:
                         "changed since its results were computed; rename it, or name another folder"
                     )
             before |= each
-        growing = {"axes": self.axes, "conditions_of": known}
+        growing = {"axes": self.axes, "conditions_of": known, "asked": axes}
         cuts = {axis: (len(values), 1) for axis, values in self.axes.items()}
         layout = StoreLayout("sweep", self._variables(), cuts, [*growing])
         units = {"sbr": "1", "snr": "dB", **units}
@@ -214,7 +215,8 @@ def read_sweep(path: Path, at: Mapping[str, Sequence[Any]] | None = None) -> "xr
     results = results.assign(
         {t.name: (t.dims, np.array(t.values.tolist(), np.str_), t.attrs) for t in texts}
     )
-    results.attrs.pop("axes", None)
+    for of_store in ("axes", "asked"):
+        results.attrs.pop(of_store, None)
     return results[sorted(map(str, results.data_vars))]
 
 

@@ -305,8 +305,11 @@ def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room:
         return
     if "minus" in means["mean"].attrs:
         ax.axhline(0, color="0.4", linewidth=0.8)
-    is_text = values.dtype.kind not in "fiu"
+    is_number = values.dtype.kind in "fiu"
+    is_text = not (is_number and np.isfinite(values).all())
     places = np.arange(len(values)) if is_text else values
+    if is_text and is_number:  # an infinite SBR
+        values = np.array(["no ambient light" if np.isinf(v) else f"{v:g}" for v in values])
     limits = means["mean"].attrs.get("valid_range") if "minus" not in means["mean"].attrs else None
     names = means["algorithm"].values.tolist()
     for k, name in enumerate(names):

@@ -5,7 +5,6 @@ arrays in one file.
 """
 
 import math
-import os
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from periscopy_sim.numerics.limits import check_budget
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.rasters import bayer_colours
 from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.storage.outputs.places import user_cache
 from periscopy_sim.storage.outputs.staging import alone_in
 from periscopy_sim.storage.pictures import area_average
 
@@ -113,7 +113,7 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
         guess = did_you_mean(name, sets)
         raise PeriscopyError(f"no set '{name}'; {guess or 'name one of ' + ', '.join(sets)}")
     url, files = sets[name].url, sets[name].files
-    root = Path(os.environ.get("PERISCOPY_DATA") or pooch.os_cache("periscopy_sim"))
+    root = user_cache()
     pooch.get_logger().setLevel("WARNING")  # `progress` reports
     cache = pooch.create(root / _collection(name), url, registry=dict(files), retry_if_failed=1)
     with alone_in(root):

@@ -232,14 +232,6 @@ def test_value_without_a_world_fails_alone_and_values_of_a_later_run_take_their_
     assert swept(3.0, 1.0)["place"].values.tolist() == [1, 3] and not left_over.exists()
 
 
-def test_sweep_of_more_than_a_day_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr("periscopy_sim.evaluation.sweep.LONG", 1e-9)
-    with pytest.warns(UserWarning, match="hours more"):
-        run_sweep(sweep_of(), tmp_path / "one world")
-    with pytest.warns(UserWarning, match="hours more"):
-        run_sweep(Sweep(Worlds([]), [1.0], vary={"place": [1.0, 2.0]}), tmp_path / "two")
-
-
 def test_seconds_count_the_work_of_all_threads(tmp_path):
     class Busy:
         def reconstruct(self, _):
@@ -274,6 +266,19 @@ def test_plain_psnr_needs_no_gain_of_what_has_the_unit_of_the_matrix(tmp_path):
     results = run_sweep(Sweep(world, [0.3, 5.0], [280.0]), tmp_path).squeeze()
     assert (results["psnr_plain"].sel(algorithm="exact") > 100).all()
     assert (results["psnr_plain"] < results["psnr"])[1].all()
+
+
+def test_an_infinite_ratio_is_a_photograph_without_ambient_light(tmp_path):
+    sweep = sweep_of(sbrs=[np.inf, 1e12], snrs=[200.0])
+    cell = {"image": "p", "background": "sun", "seed": 0, "snr": 200.0}
+    dark, nearly = (sweep.photograph({**cell, "sbr": sbr}) for sbr in (np.inf, 1e12))
+    np.testing.assert_allclose(dark, SIGNAL / SIGNAL.mean(), rtol=1e-8)
+    np.testing.assert_allclose(dark, nearly, rtol=1e-8)
+    results = run_sweep(sweep, tmp_path)
+    assert results.sbr.values.tolist() == [1e12, np.inf] and results.psnr.notnull().all()
+    assert (
+        run_sweep(sweep, tmp_path, planned=lambda cells: cells and pytest.fail("again")) is not None
+    )
 
 
 @pytest.mark.parametrize(
@@ -337,14 +342,20 @@ def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
 def test_more_values_compute_only_their_cells(more, done, tmp_path):
     seen = []
     run_sweep(sweep_of(), tmp_path)
-    grown = run_sweep(sweep_of(**more), tmp_path, progress=seen.append)
+    missing = []
+    grown = run_sweep(
+        sweep_of(**more), tmp_path, progress=seen.append, planned=missing.extend
+    )  # fmt: skip
+    assert len(missing) == len(seen) == grown.psnr.size - done[1].psnr.size
     fresh = run_sweep(sweep_of(**more), tmp_path / "fresh")
     assert grown.identical(fresh)
     assert seen[0] > done[1].psnr.size / grown.psnr.size
     assert (tmp_path / "sweep.csv").read_bytes() == (tmp_path / "fresh/sweep.csv").read_bytes()
-    before = contents(tmp_path / "sweep.zarr")
+    before, head = contents(tmp_path / "sweep.zarr"), tmp_path / "sweep.zarr/zarr.json"
     assert run_sweep(sweep_of(), tmp_path).identical(done[1])
-    assert contents(tmp_path / "sweep.zarr") == before
+    after = contents(tmp_path / "sweep.zarr")
+    assert {name for name in after if after[name] != before.get(name)} == {"zarr.json"}
+    assert json.loads(head.read_text())["attributes"]["asked"] == sweep_of().axes
 
 
 def test_worlds_vary_and_are_made_only_for_missing_cells(tmp_path):

@@ -128,9 +128,9 @@ def photographed(subject: Subject, folder: Path) -> Photographed:
     places = folder / subject.name
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
     signal = path_traced(subject, subject.image, folder)
-    light = ambient_photographs([subject.place], subject.at(), places, SEED)[subject.place]
+    lit = ambient_photographs([subject.place], subject.at(), places, SEED)[subject.place]
     files = folder / f"{subject.name}_{subject.image}.exr", places / f"{subject.place}.exr"
-    return Photographed(subject, truth, signal, light, *files)
+    return Photographed(subject, truth, signal, lit.photograph, *files)
 
 
 def path_traced(subject: Subject, image: str, folder: Path, seed: int = SEED) -> Array:

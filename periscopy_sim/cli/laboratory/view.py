@@ -64,7 +64,8 @@ def view(
             raise ps.PeriscopyError(f"{flag} needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
         raise ps.PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
-    place = find_condition(ambient) if ambient else None
+    if ambient:
+        find_condition(ambient)
     session = WallSession(scene, hidden, define, mask=mask)
     image = image or ("mushroom" if photo is None else "")
     with progress("loading the scene"):
@@ -76,9 +77,8 @@ def view(
         session.check_scene(method)
         wall = None if photo is None else session.wall(photo)
         light = None
-        if place is not None:  # its error is smooth: methods project it out
-            quick = ps.render_background(str(place), session.scenario, target=0.05)
-            light = quick.photograph
+        if ambient:  # its error is smooth: methods project it out
+            light = session.ambient_light(ambient, target=0.05).photograph
         shipped = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
         live = LiveSession(
             session.scenario, Choice({}, image, ambient or "", method=method),

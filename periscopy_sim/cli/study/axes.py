@@ -12,6 +12,9 @@ from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.numerics.limits import number_of
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
+DARK = "none"
+"""Names photographs without ambient light."""
+
 
 def parse_values(text: str, flag: str) -> list[Any]:
     """Read the values of an axis: ``1,2,5`` or words, ``0:1:5``, or ``0.1:10:log:9`` (or ``lin``).
@@ -54,8 +57,10 @@ def check_numbers(kind: str, flag: str, values: Sequence[Any]) -> list[float]:
 def parse_ambient(text: str) -> dict[str, Path | None]:
     """Read lighting conditions: names of shipped ones, groups of them, EXR files and folders.
 
-    Return the EXR file of each name; None for a shipped condition.
+    Return the EXR file of each name; None for a shipped condition, and for `DARK` alone.
     """
+    if text == DARK:
+        return {DARK: None}
     shipped = *REALISTIC, *ADVERSARIAL
     groups = {"all": REALISTIC, "adversarial": ADVERSARIAL, **{name: [name] for name in shipped}}
     lights: dict[str, Path | None] = {}
@@ -68,7 +73,7 @@ def parse_ambient(text: str) -> dict[str, Path | None]:
             guess = "" if entry in groups else did_you_mean(entry, groups)
             raise PeriscopyError(
                 f"--ambient '{entry}': {guess and f'{guess} '}write an EXR file, a folder of EXR "
-                f"files, all, adversarial, {', '.join(shipped)}; each light once"
+                f"files, all, adversarial, {', '.join(shipped)}, each once, or {DARK} alone"
             )
         lights |= added
     return lights

@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,10 +12,14 @@ from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import argument, example_of, option
 from periscopy_sim.cli.output import conclude, progress, record, say, show_table, warn, written
+from periscopy_sim.cli.study.forecast import counted, show_parts, show_time
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import DatasetError
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.storage.outputs.staging import staged_folder
+
+if TYPE_CHECKING:
+    from periscopy_sim.dataset.make import Work
 
 _CONFIGURATION = "The configuration; see --example."
 _COUNT = "Samples, instead of the configuration's."
@@ -52,11 +56,26 @@ def make(
     """Make or continue a data set ('make' is optional)."""
     require_all(*SWEEP)
     settings = ps.load_configuration(configuration)
-    start = time.perf_counter()
+    start, lights = time.perf_counter(), list[str]()
+
+    def planned(work: "Work") -> None:
+        if work.samples:
+            of = counted(work.geometries, "geometry")
+            size = (
+                f"{work.megabytes:,.2g} MB"
+                if work.megabytes < 100
+                else f"{work.megabytes / 1e3:.2g} GB"
+            )
+            say(f"{counted(work.samples, 'sample')} of {of}, {size} before compression")
+            show_parts(matrix=work.geometries, ambient_light=work.lights)
+            lights.extend([counted(work.lights, "ambient light")] if work.lights else [])
+
     with progress("making samples", "samples") as report:
         result = ps.make_dataset(
-            settings, out, count=count, scheduler=scheduler, progress=report, rendering=progress
-        )
+            settings, out, count=count, scheduler=scheduler, planned=planned,
+            estimated=lambda seconds: show_time(seconds, *lights), progress=report,
+            rendering=progress,
+        )  # fmt: skip
     seconds = time.perf_counter() - start
     if result.empty_splits:
         warn(sentence("empty_splits", splits=" or ".join(result.empty_splits)))

@@ -44,7 +44,7 @@ def plot(
     reference: Annotated[str, option("METHOD", _REFERENCE)] = "",
     width: Annotated[float, option("INCHES", _WIDTH, kind="inches")] = COLUMN,
 ) -> None:
-    """Draw a sweep over any axis, or write its table."""
+    """Draw what the last sweep asked for over any axis, or write its table."""
     require_all(*SWEEP)
     if out.suffix in TABLES and (over or panels):
         raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
@@ -56,9 +56,19 @@ def plot(
     axis = axis if equals else "algorithm"
     if reference and axis in texts:
         texts[axis].append(value)
-    if not attributes_of(folder / "sweep.zarr"):
+    store = attributes_of(folder / "sweep.zarr")
+    if "axes" not in store:
         raise PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
-    results = _complete(_held(read_sweep(folder / "sweep.zarr"), texts))
+    asked = {name: values for name, values in store.get("asked", {}).items() if name not in texts}
+    if reference and axis in asked:
+        kept = [*asked[axis], *(v for v in store["axes"][axis] if v in (value, number_of(value)))]
+        asked[axis] = [*dict.fromkeys(kept)]
+    results = _complete(_held(read_sweep(folder / "sweep.zarr", asked), texts))
+    if others := [each for each in asked if len(asked[each]) < len(store["axes"][each])]:
+        say(
+            f"as the last sweep asked; {folder} holds more values of {', '.join(others)}, which "
+            "--at NAME=VALUES draws"
+        )
     if reference:
         from periscopy_sim.evaluation.statistics import differences
 

@@ -1,5 +1,6 @@
 """`periscopy sweep`: methods over images, ambient light, noise, and whatever varies in a scene."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,13 @@ from periscopy_sim.cli.light import GRID, Light
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import progress, record, say, show_table, written
 from periscopy_sim.cli.session import WallSession
-from periscopy_sim.cli.study.axes import check_numbers, parse_ambient, parse_axes, parse_values
+from periscopy_sim.cli.study.axes import (
+    DARK,
+    check_numbers,
+    parse_ambient,
+    parse_axes,
+    parse_values,
+)
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.cli.study.worlds import KNOWN, Worlds
 from periscopy_sim.evaluation.workers import check_scheduler
@@ -27,7 +34,6 @@ from periscopy_sim.storage.outputs.places import mirrored
 from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256, sha256_of
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
-from periscopy_sim.storage.outputs.store import attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,10 +47,11 @@ _PHOTOGRAPH = "A photograph without ambient light; needs --truth."
 _TRUTH = "The hidden image of --photograph; of several surfaces of each."
 _IMAGES = "Hidden images whose photographs are path traced, by comma; or a folder."
 _RATIOS = "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
-_AMBIENT = "all, adversarial, shipped conditions, EXR files or folders of them."
+_AMBIENT = "Places, by comma: all, adversarial, shipped conditions, EXR files or folders; or none."
 _METHODS = "Methods by comma; yours as module:callable or file.py:callable."
 _SEEDS = "Noise draws for each background and SBR."
-SBRS, SNR = "0.1:10:log:9", 60.0
+_SNRS = "Signal-to-noise ratios of Gaussian noise: 40,60 or 40:80:5; the signal includes light."
+SBRS, SNRS, PLACES = "0.1,1,10", "60", "overcast,low_sun,ceiling_panels"
 RUN = ("command", "scene", "seed", "python")
 """Provenance that differs from run to run, or that no result depends on."""
 RESULTS = ("sweep.zarr", "sweep.csv", "sweep.png")
@@ -64,10 +71,10 @@ def sweep(
     truth: Annotated[list[str] | None, option("[ID=]IMAGE", _TRUTH)] = None,
     hidden_image: Annotated[list[str] | None, option("[ID=]IMAGE,...", _IMAGES)] = None,
     sbr: Annotated[str, option("RATIOS", _RATIOS)] = SBRS,
-    ambient: Annotated[str, option("LIST", _AMBIENT)] = "all",
-    flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = True,
+    ambient: Annotated[str, option("LIST", _AMBIENT)] = PLACES,
+    flips: Annotated[bool, typer.Option(help="Also flip each background about each axis.")] = False,
     methods: Annotated[str, option("LIST", _METHODS)] = "noise-aware,preconditioned,differencing",
-    snr: options.Snr = SNR,
+    snr: Annotated[str, option("DB", _SNRS)] = SNRS,
     seeds: Annotated[int, option("NUMBER", _SEEDS, kind="count")] = 1,
     scheduler: options.Scheduler = None,
     study: StudyOption = None,  # noqa: ARG001, it has become the other options' defaults
@@ -87,14 +94,17 @@ def sweep(
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
-    given = {"sbr": sbr != SBRS, "snr": snr != SNR, "samples": light.samples, "model": light.model}
+    given = {"sbr": sbr != SBRS, "snr": snr != SNRS, "samples": light.samples, "model": light.model}
     for name in (*session.definitions, *(name for name, value in given.items() if value)):
         if name in axes:
             raise ps.PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
     of = {name: f"--vary {name}" if name in axes else f"--{name}" for name in ("sbr", "snr")}
+    if (is_dark := DARK in lights) and (given["sbr"] or "sbr" in axes):
+        raise ps.PeriscopyError(f"{of['sbr']}: --ambient {DARK} has no SBR; leave one of them out")
     ratios = axes.pop("sbr", None) or parse_values(sbr, of["sbr"])
-    ratios = check_numbers("ratio", of["sbr"], ratios)
-    decibels = check_numbers("decibels", of["snr"], axes.pop("snr", [snr]))
+    ratios = [math.inf] if is_dark else check_numbers("ratio", of["sbr"], ratios)
+    decibels = axes.pop("snr", None) or parse_values(snr, of["snr"])
+    decibels = check_numbers("decibels", of["snr"], decibels)
     if "hidden" in axes:
         session = replace(session, hidden=[str(axes["hidden"][0])])
     light.check_methods(*names)
@@ -107,6 +117,8 @@ def sweep(
     wall = None if photograph is None else session.wall(photograph)
     mask, monitor_off = session.companions() if wall is None else (wall.mask, wall.monitor_off)
     measured = {n: session.photograph(p, mask).values for n, p in lights.items() if p}
+    if is_dark:  # of an infinite SBR nothing is added
+        flips, measured = False, {DARK: np.ones((*session.scenario.photograph_shape, 3))}
     settings = {
         **{name: value for name, value in session.provenance.items() if name not in RUN},
         "base_seed": session.seed,
@@ -141,6 +153,7 @@ def sweep(
         ambient={name: measured.get(name) for name in lights},
         noise=noise_to_signal(max(decibels), max(ratios)),
         conditions={"settings": settings}, conditions_of=sources, calibrates=KNOWN in axes,
+        scheduler=scheduler,
     )  # fmt: skip
     worlds.check(axes)
     with (
@@ -156,6 +169,9 @@ def sweep(
         with progress("sweeping") as report:
             results = sweeps.run_sweep(
                 whole, out, scheduler=scheduler, progress=report,
+                planned=lambda missing: worlds.forecast.begin(
+                    whole.axes, missing, worlds.parts, len(flipped_names("", flips))
+                ),
                 timed=lambda name, taken: seconds[name].append(taken),
             )  # fmt: skip
         with staged_file(out / "sweep.png") as file:
@@ -170,12 +186,6 @@ def sweep(
     by_default = light.model is None and light.samples is None
     checked = [n for n in names if not (by_default and n in METHODS and METHODS[n].rays)]
     _check_transport(session, results.sel(algorithm=checked), worlds.noise)
-    held = attributes_of(out / "sweep.zarr")["axes"]
-    if more := [axis for axis, values in held.items() if len(values) > results.sizes[axis]]:
-        say(
-            f"sweep.csv and sweep.png have these values alone; sweep.zarr has others of "
-            f"{', '.join(more)}, too, which 'periscopy plot' shows"
-        )
     written(*(out / name for name in RESULTS))
 
 
@@ -242,7 +252,10 @@ def _show_means(results: "xr.Dataset") -> None:
         record(**{surface: values.to_dict("records")})
         cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
-        header = [title, *kept[1:], *(f"SBR {float(ratio):.3g}" for ratio in table.columns)]
+        lights = [
+            "no ambient light" if r == "inf" else f"SBR {float(r):.3g}" for r in table.columns
+        ]
+        header = [title, *kept[1:], *lights]
         show_table(cells.astype(str).values.tolist(), header)
     dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
     if pooled := [str(n) for n in dims if results.sizes[n] > 1]:

@@ -17,13 +17,19 @@ from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, setti
 from periscopy_sim.cli.output import fixable, output_files, part_of_command, progress
 from periscopy_sim.cli.render import write_transport
 from periscopy_sim.cli.session import WallSession
+from periscopy_sim.cli.study.forecast import Parts, SweepForecast
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
+from periscopy_sim.evaluation.workers import thread_count
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of, size_of
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.storage.ambient_library import ambient_photographs
+from periscopy_sim.storage.ambient_library import (
+    ambient_photographs,
+    cached_light,
+    find_condition,
+)
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 
@@ -72,10 +78,12 @@ class Worlds:
     conditions: Mapping[str, Any]
     conditions_of: Mapping[str, Mapping[str, Any]]
     calibrates: bool = False  # whether an axis says what methods know, so that they may calibrate
+    scheduler: str | None = None  # whose workers reconstruct
     keep: Callable[[], None] = lambda: None  # called when a world's parts are in its folder
     _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
     _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
     _plans: "dict[Any, dict[str, TransportPlan]]" = field(default_factory=dict, init=False)
+    forecast: SweepForecast = field(default_factory=SweepForecast, init=False)
 
     @property
     def axes(self) -> dict[str, list[str]]:
@@ -97,39 +105,87 @@ class Worlds:
 
     def __call__(self, **values: Any) -> "ps.World":
         """Return the world of values of some axes."""
+        from periscopy_sim.evaluation.world import flipped_names
+
         true, assumed = self._session(values), self._session(values, ASSUMED)
         true.check_scene()
-        at = self._folder(values)
-        rendered = {name: self._signal(true, at, name) for name in self.shown}
+        at, timed = self._folder(values), self.forecast.timed
+        rendered = {n: timed("photograph", self._signal, true, at, n) for n in self.shown}
         signals = {name: photograph for name, (photograph, _) in rendered.items()}
         errors = {name: error for name, (_, error) in rendered.items()}
         wall = next(iter(signals.values()))
-        traced = ambient_photographs(
-            [name for name, light in self.ambient.items() if light is None],
-            true.scenario,
-            self._folder({n: v for n, v in values.items() if n != "hidden"}) / "ambient",
-            true.seed,
-            progress=progress,
-        )
-        seen = {
-            name: seen_in(traced[name] if light is None else light, wall.channels)
-            for name, light in self.ambient.items()
-        }
         plans: dict[str, TransportPlan] = {}
         if values.get(KNOWN) == CALIBRATED:
             fitted = self._calibrated(true, assumed, values, wall)
         else:
-            fitted, plans = self._fitted(assumed, values, wall)
-        self.keep()
-        return ps.World(
+            fit = partial(self._fitted, assumed, values, wall)
+            fitted, plans = timed("fit", fit)
+        world = partial(
+            ps.World,
             signals=signals,
             truths={name: true.hidden_image(names) for name, names in self.shown.items()},
-            backgrounds=ps.flips(seen) if self.flips else seen,
             methods=fitted,
             transport={name: plan.origin for name, plan in plans.items()},
             draw=int(values.get(DRAW, 0)),
-            errors=errors,
             measures=self.measures,
+        )
+        if plans and not self.forecast.is_shown:
+            light = np.ones_like(wall.values)
+            self.forecast.measure(
+                fit, lambda names: world(backgrounds=dict.fromkeys(names, light)),
+                self._cached_lights(values), lambda name: self._traced(values, [name]),
+                thread_count(self.scheduler),
+            )  # fmt: skip
+        traced = self._traced(values, self._rendered)
+        seen = {
+            name: seen_in(traced[name].photograph if light is None else light, wall.channels)
+            for name, light in self.ambient.items()
+        }
+        self.keep()
+        errors |= {
+            each: light.relative_error
+            for name, light in traced.items()
+            for each in flipped_names(name, self.flips)
+        }
+        return world(backgrounds=ps.flips(seen) if self.flips else seen, errors=errors)
+
+    @property
+    def _rendered(self) -> list[str]:
+        """Names of the ambient light that is path traced."""
+        return [name for name, light in self.ambient.items() if light is None]
+
+    def _traced(
+        self, values: Mapping[str, Any], names: Sequence[str]
+    ) -> "dict[str, ps.Background]":
+        """Return ambient light at values of axes, path traced."""
+        true, folder = self._session(values), self._ambient_folder(values)
+        return ambient_photographs(names, true.scenario, folder, true.seed, progress=progress)
+
+    def _ambient_folder(self, values: Mapping[str, Any]) -> Path:
+        """Return the folder of ambient light, which patches do not change."""
+        return self._folder({n: v for n, v in values.items() if n != "hidden"}) / "ambient"
+
+    def _cached_lights(self, values: Mapping[str, Any]) -> dict[Path, str]:
+        """Return the names of ambient light that is path traced, by the user's files of it."""
+        true = self._session(values)
+        paths = {name: find_condition(name) for name in self._rendered}
+        return {cached_light(path, true.scenario, true.seed): n for n, path in paths.items()}
+
+    def parts(self, values: Mapping[str, Any]) -> Parts:
+        """Return what the world of values of axes is made of."""
+        light, folder = self._light(values), self._folder(values, ASSUMED)
+        ways = {name in METHODS and METHODS[name].rays for name in self.methods}
+        matrices = f"A_{light.samples}_rays*.npy" if light.samples else "A*.npy"
+        count = 1 if light.samples or light.model else len(ways)
+        is_calibrated = values.get(KNOWN) == CALIBRATED
+        return Parts(
+            photographs={
+                self._photograph_file(self._folder(values), name)
+                for name in self.shown.keys() - self.photographs.keys()
+            },
+            matrices=None if is_calibrated else (folder, matrices, count),
+            place=self._ambient_folder(values),
+            lights=partial(self._cached_lights, values),
         )
 
     def check(self, axes: Mapping[str, Sequence[Any]]) -> None:
@@ -244,6 +300,10 @@ class Worlds:
         texts = {n: f"{v:.9g}" if isinstance(v, float) else Path(v).stem for n, v in own.items()}
         return self.out / ",".join(f"{name}={text}" for name, text in texts.items())
 
+    def _photograph_file(self, folder: Path, name: str) -> Path:
+        """Return the file of a hidden image's photograph."""
+        return folder / f"photograph_{name}.exr"
+
     def _signal(self, session: WallSession, folder: Path, name: str) -> tuple[Photograph, float]:
         """Return the photograph of a hidden image and its own error over its root mean square.
 
@@ -254,7 +314,7 @@ class Worlds:
 
         if name in self.photographs:
             return self.photographs[name], 0.0
-        file = folder / f"photograph_{name}.exr"
+        file = self._photograph_file(folder, name)
         picture, snr = session.hidden_image(self.shown[name]), -20 * np.log10(self.noise) + 3
         made = {n: session.provenance[n] for n in ("scene_sha256", "parameters", "seed")}
         made |= {"camera": session.sensor, "bounces": self.light.bounces}
@@ -300,7 +360,8 @@ class Worlds:
             plan = partial(light.plan, scenario, self.noise, session.seed)
             self._plans[key] = {name: plan(name) for name in self.methods}
         plans = self._plans[key]
-        matrices = {p: self._transport(session, light, p, folder) for p in {*plans.values()}}
+        timed, made = self.forecast.timed, partial(self._transport, session, light, folder=folder)
+        matrices = {plan: timed("matrix", made, plan) for plan in {*plans.values()}}
         B = light.backgrounds(scenario)
         errors = {} if _is_known(values) else free_parameters(scenario.document)
         with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):

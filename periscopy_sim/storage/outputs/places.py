@@ -5,6 +5,7 @@ Object stores have neither renames nor locks. They need none: an object appears 
 
 import errno
 import json
+import os
 import uuid
 from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -54,6 +55,16 @@ def place(name: str | Path) -> Path:
     except Exception as error:  # whatever a library misses in a URL
         raise PeriscopyError(f"{name}: nothing here opens {protocol}://: {error}") from error
     return cast(Path, found)
+
+
+def user_cache() -> Path:
+    """Return the folder of what is kept for later commands, wherever they write.
+
+    It is ``PERISCOPY_DATA`` if this variable of the environment is set, else the user's cache.
+    """
+    import pooch
+
+    return Path(os.environ.get("PERISCOPY_DATA") or pooch.os_cache("periscopy_sim"))
 
 
 def is_remote(path: Path) -> bool:

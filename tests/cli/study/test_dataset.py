@@ -40,11 +40,15 @@ def made(succeeds, configuration):
 
 
 def test_data_set_is_made_described_and_then_left_alone(made, succeeds):
-    assert "12 samples of 2 geometries" in made
+    assert made.startswith("12 samples of 2 geometries, ")
+    assert "\nto make: 2 matrices\nabout " in made
     assert "complete" in succeeds("dataset", "make", "config.yaml", "--out", "d.zarr")
     assert re.search("^samples +12$", succeeds("dataset", "info", "d.zarr"), re.MULTILINE)
     info = json.loads(succeeds("dataset", "info", "d.zarr", "--json"))
     assert (info["samples"], info["finished"], info["geometries"]) == (12, 12, 2)
+    grown = ("dataset", "config.yaml", "--out", "d.zarr", "--count", "15")
+    assert succeeds(*grown).startswith("3 samples of 1 geometry, ")
+    assert succeeds(*grown, "-q") == ""
 
 
 def test_example_is_printed_as_it_stands_and_can_be_made(succeeds, tmp_path):

@@ -69,7 +69,7 @@ def command(*more, **changes):
 @pytest.mark.usefixtures("jit", "drawings")
 def test_sweep_writes_store_table_and_picture(succeeds, folder):
     methods = "truncated-svd,mine.py:Mine,mine.py:Failing"
-    shown = succeeds(*command(methods=methods, seeds=2, snr=45, seed=3))
+    shown = succeeds(*command("--flips", methods=methods, seeds=2, snr=45, seed=3))
     out = folder / "out"
     assert {path.name for path in out.iterdir()} == {
         ".lock", "settings.json", "A_4_rays.npy", "A_4_rays.json",
@@ -135,6 +135,59 @@ def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_onc
         wrong = psnr.sel({"samples": 8, "assumed.monitor_dx": 0.01})
         assert (psnr.sel({"samples": 8, "assumed.monitor_dx": 0.0}) > wrong).mean() > 0.9
         assert psnr.std("truncated-svd.tv_weight").min() > 0
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(succeeds):
+    given = command("--flips", snr="40:60:3")
+    shown = succeeds(*given)
+    assert shown.startswith(
+        "96 results: 2 methods x 1 image x 2 places x 4 flips x 2 SBRs x 3 SNRs\n"
+        "to make: 1 matrix\nabout "
+    )
+    more = json.loads(
+        succeeds(*given, "--vary", "truncated-svd.tv_weight=1", "--json", "--out", "b")
+    )
+    assert (more["missing"], more["results"]) == (96, 96) and more["estimated_seconds"] >= 0
+    grown = command("--flips", snr="40:60:3", sbr="0.5,5,50")
+    assert "\n48 of 144 results: " in "\n" + succeeds(*grown)
+    assert "results:" not in succeeds(*grown) and succeeds(*grown, "-q") == ""
+
+
+@pytest.mark.usefixtures("jit")
+def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
+    study = (
+        "sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--hidden-image",
+        "bars,mushroom", "--vary", "occluder_dx=0,0.01", "--vary", "assumed.monitor_dx=0,0.01",
+        "--ambient", "none", "--methods", "noise-aware,preconditioned",
+    )  # fmt: skip
+    shown = succeeds(*study, "--out", "out")
+    assert "\nto make: 4 photographs, 8 matrices\n" in shown
+    assert len([*Path("out").rglob("A*.npy")]) == 8 and "no ambient light" in shown
+    assert "to make" not in succeeds(*study, "--seeds", "2", "--out", "out")
+    with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
+        assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
+        assert results.background.values.tolist() == ["none"]
+
+
+@pytest.mark.usefixtures("jit")
+def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(succeeds, refused):
+    def rows(*more):
+        succeeds("plot", "out", *more, "--out", "t.csv")
+        return len(Path("t.csv").read_text("utf-8").splitlines()) - 1
+
+    succeeds(*command(sbr="0.5,5,50", methods="truncated-svd,preconditioned"))
+    assert rows() == 6
+    succeeds(*command(sbr="0.5,5", methods="preconditioned"))
+    said = succeeds("plot", "out", "--out", "p.png")
+    assert "algorithm, sbr" in said and rows() == 2
+    assert rows("--at", "sbr=0.5,50") == 2 and rows("--at", "algorithm=truncated-svd") == 2
+    assert rows("--reference", "truncated-svd") == 2
+    for chunks in Path("out/sweep.zarr").glob("*/c"):
+        if chunks.parent.name in ("mean_squared_error", "failure"):
+            shutil.rmtree(chunks)  # as before the first result
+    assert "no result yet" in refused("plot", "out", "--out", "p.png")
+    assert "holds no sweep" in refused("plot", "out/sweep.zarr/making", "--out", "p.png")
 
 
 @pytest.mark.usefixtures("jit", "drawings")
@@ -257,6 +310,9 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"vary": "scene=plate,plate.xml"}, "plate"),
         ({"truth": "truth.npy,y.npy"}, "--truth"),
         ({"study": "nothing.yaml"}, "nothing.yaml"),
+        ({"ambient": "none"}, "--ambient none"),
+        ({"ambient": "none,left.exr"}, "'none'"),
+        ({"snr": "loud"}, "--snr loud"),
     ],
 )
 def test_bad_input_is_one_line(changes, offender, refused):

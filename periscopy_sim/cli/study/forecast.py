@@ -1,0 +1,234 @@
+"""What a long command will do, and how long it takes, printed before it does it."""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+from periscopy_sim.cli.output import record, say
+from periscopy_sim.errors import SceneError
+from periscopy_sim.numerics.machine import LONG
+
+if TYPE_CHECKING:
+    from periscopy_sim.evaluation.world import World
+
+Given = ParamSpec("Given")
+Made = TypeVar("Made")
+
+LIGHT_COST = {"ceiling_panels": 1.8, "desk_lamps": 2.8, "corridor": 7.9}
+"""Processor time of ambient conditions over that of overcast, of others 1: on the chair's wall of
+126 x 126 pixels."""
+
+AXES = {"algorithm": "method", "background": "place", "sbr": "SBR", "snr": "SNR"}
+"""Axes of a sweep in words."""
+
+OF_PHOTOGRAPHS = "algorithm", "image", "background", "sbr", "snr", "seed"
+"""Axes that every sweep has."""
+
+SCENES = 8
+"""Scenes that are loaded before a sweep starts."""
+
+PLURALS = {"matrix": "matrices", "geometry": "geometries"}
+"""Nouns whose plural has more than an s."""
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a count with its noun."""
+    plural = PLURALS.get(noun, f"{noun}s")
+    return f"{count:,} {noun if count == 1 else plural}"
+
+
+def show_parts(**numbers: int) -> None:
+    """Print how many photographs, ambient lights and so on a command makes."""
+    record(to_make=numbers)
+    words = [counted(n, noun.replace("_", " ")) for noun, n in numbers.items() if n]
+    if words:
+        say(f"to make: {', '.join(words)}")
+
+
+def show_time(seconds: float, *apart: str) -> None:
+    """Print how long a command takes, but for what is apart."""
+    record(estimated_seconds=round(seconds))
+    number, unit = max(float(f"{seconds:.2g}"), 1.0), "s"
+    for unit_seconds, name in ((3600, "hours"), (60, "minutes")):
+        if seconds > 1.5 * unit_seconds:
+            number, unit = float(f"{seconds / unit_seconds:.2g}"), name
+            break
+    say(" and ".join([f"about {number:g} {unit}", *apart]))
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What a world of a sweep is made of.
+
+    Attributes
+    ----------
+    photographs
+        Their files.
+    matrices
+        Folder and pattern of their files, and the number that is needed; None where the methods
+        calibrate the scene.
+    place
+        Folder of the ambient light.
+    lights
+        Returns the ambient conditions that are rendered, by their files in the user's cache.
+    """
+
+    photographs: set[Path]
+    matrices: tuple[Path, str, int] | None
+    place: Path
+    lights: Callable[[], Mapping[Path, str]]
+
+
+@dataclass(eq=False)
+class SweepForecast:
+    """What a sweep lacks, and how long it takes by the first of each part.
+
+    Attributes
+    ----------
+    photographs
+        Their files.
+    matrices
+        Patterns of their files, with the number of those that are needed, by folder.
+    lights
+        Ambient conditions that are rendered, by their files in the user's cache.
+    fits
+        Scenes to which the methods are fitted.
+    cells
+        Missing results of each method, but those of calibrations.
+    calibrations
+        Photographs that calibrate the scene; nothing shows their time before the first.
+    first
+        The first missing result of each method.
+    rate
+        Seconds of ambient light whose `LIGHT_COST` is 1.
+    is_shown
+        Whether the time is printed.
+    """
+
+    photographs: set[Path] = field(default_factory=set)
+    matrices: dict[tuple[Path, str], int] = field(default_factory=dict)
+    lights: dict[Path, str] = field(default_factory=dict)
+    fits: int = 0
+    cells: "Counter[str]" = field(default_factory=Counter)
+    calibrations: int = 0
+    first: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    rate: float = 0.0
+    is_shown: bool = False
+    _seconds: dict[str, list[float]] = field(default_factory=dict, init=False)
+
+    def begin(
+        self,
+        axes: Mapping[str, Sequence[Any]],
+        missing: Sequence[Mapping[str, Any]],
+        parts_of: Callable[[Mapping[str, Any]], Parts],
+        flips: int,
+    ) -> None:
+        """Print the results as a product over the axes, and what those that are missing need.
+
+        Of more than `SCENES` scenes, the first ones show which ambient light is rendered.
+        """
+        worlds = dict[tuple[Any, ...], Parts]()
+        trials, places = set[tuple[Any, ...]](), dict[Path, Parts]()
+        for cell in missing:
+            values = {name: value for name, value in cell.items() if name not in OF_PHOTOGRAPHS}
+            if (key := (*values.values(),)) not in worlds:
+                worlds[key] = parts = parts_of(values)
+                places.setdefault(parts.place, parts)
+                self.photographs |= parts.photographs
+                if parts.matrices:
+                    folder, pattern, count = parts.matrices
+                    self.matrices[folder, pattern] = count
+                    self.fits += 1
+            if worlds[key].matrices:
+                self.cells[cell["algorithm"]] += 1
+                self.first.setdefault(cell["algorithm"], cell)
+            else:
+                trials.add((*(value for name, value in cell.items() if name != "algorithm"),))
+        self.calibrations = len(trials)
+        for place, parts in [*places.items()][:SCENES]:
+            with suppress(SceneError):  # which fails alone
+                self.lights |= {
+                    file: name for file, name in parts.lights().items()
+                    if not (file.is_file() or (place / f"{name}.exr").is_file())
+                }  # fmt: skip
+        sizes = {name: len(values) for name, values in axes.items()}
+        results = math.prod(sizes.values())
+        record(missing=len(missing), results=results)
+        words = list[str]()
+        for name, size in sizes.items():
+            of_flips = flips if name == "background" else 1
+            noun = AXES.get(name, name)
+            if size > of_flips or name in ("algorithm", "image"):
+                is_known = name in OF_PHOTOGRAPHS
+                words.append(
+                    counted(size // of_flips, noun) if is_known else f"{size} values of {name}"
+                )
+            if of_flips > 1:
+                words.append(counted(flips, "flip"))
+        if missing:
+            left = f"{len(missing):,} of " if len(missing) < results else ""
+            say(f"{left}{counted(results, 'result')}: {' x '.join(words)}")
+            photographs, matrices = self._missing()
+            show_parts(
+                photograph=photographs, ambient_light=len(self.lights), matrix=matrices,
+                calibration=self.calibrations,
+            )  # fmt: skip
+
+    def _missing(self) -> tuple[int, int]:
+        """Return how many photographs and matrices are missing."""
+        held = {key: len([*key[0].glob(key[1])]) for key in self.matrices}
+        return (
+            sum(not file.is_file() for file in self.photographs),
+            sum(max(count - held[key], 0) for key, count in self.matrices.items()),
+        )
+
+    def timed(
+        self, part: str, make: Callable[Given, Made], *given: Given.args, **named: Given.kwargs
+    ) -> Made:
+        """Return what a function makes, and keep the time of this part."""
+        started = time.perf_counter()
+        made = make(*given, **named)
+        self._seconds.setdefault(part, []).append(time.perf_counter() - started)
+        return made
+
+    def measure(
+        self,
+        fit: Callable[[], Any],
+        evenly_lit: "Callable[[Collection[str]], World]",
+        own_lights: Collection[Path],
+        trace: Callable[[str], Any],
+        threads: int,
+    ) -> None:
+        """Print how long the rest takes, by the parts of the first world and some more.
+
+        The functions fit the methods, return this world in even light of some names, and trace one
+        of its own ambient conditions; so many threads reconstruct.
+        """
+        from periscopy_sim.evaluation.sweep import cell_seconds
+
+        if self._seconds["fit"][-1] < LONG:  # without what the first one compiles
+            self.timed("fit", fit)
+        world = evenly_lit({cell["background"] for cell in self.first.values()})
+        seconds = {name: cell_seconds(world, cell) for name, cell in self.first.items()}
+        if missing := [file for file in own_lights if file in self.lights]:
+            file = min(missing, key=lambda each: LIGHT_COST.get(self.lights[each], 1.0))
+            name = self.lights.pop(file)
+            self.timed("light", trace, name)
+            self.rate = self._seconds["light"][-1] / LIGHT_COST.get(name, 1.0)
+        matrices, fits = (self._seconds.get(part, []) for part in ("matrix", "fit"))
+        of_fit = fits[-1] - (sum(matrices) if len(fits) == 1 else 0.0)
+        photographs_left, matrices_left = self._missing()
+        show_time(
+            max(self._seconds["photograph"]) * photographs_left
+            + self.rate * sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
+            + max(matrices) * matrices_left
+            + of_fit * (self.fits - 1)
+            + sum(self.cells[name] * each for name, each in seconds.items()) / threads,
+            *([counted(self.calibrations, "calibration")] if self.calibrations else []),
+        )
+        self.is_shown = True
