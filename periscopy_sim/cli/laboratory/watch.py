@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from periscopy_sim.live.stream import Progress, Stream
 
 EXAMPLE = Path(__file__).with_name("camera.py")
-_SOURCE = "A folder into which a camera writes, or a function that returns the next frame."
+_SOURCE = "A folder into which a camera writes, or file.py:function, which returns the next frame."
 _OUT = "Folder to write: every picture and its numbers. [default: only the page's button, to watch]"
 _AVERAGE = "Frames of the running average; 8-bit cameras need some tens."
 _LINEAR = "A function's integers are linear light, not encoded for screens."
@@ -36,7 +36,7 @@ _LINEAR = "A function's integers are linear light, not encoded for screens."
 
 def watch(
     *,
-    source: Annotated[str, argument("FOLDER|FILE.py:FUNCTION", _SOURCE)],
+    source: Annotated[str, argument("SOURCE", _SOURCE)],
     session: PhotoSession,
     out: Annotated[Path | None, option("FOLDER", _OUT, group=OUTPUT)] = None,
     average: Annotated[int, option("NUMBER", _AVERAGE, kind="count")] = 30,
