@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from periscopy_sim.dataset.configuration import Bounced, Configuration
@@ -150,7 +151,8 @@ def make_dataset(
     }
     check_scheduler(scheduler, out)
     with alone_in(out / MAKING):
-        store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
+        labels = _labels(settings, draws)
+        store = BlockStore(out, layout.of_store(), attributes, labels)
         blocks_each = settings.samples_per_geometry // layout.block
         by_geometry = groupby(
             (block for (block,) in store.missing()), lambda block: block // blocks_each
@@ -166,7 +168,10 @@ def make_dataset(
             flat = settings, layout.photograph_shape, flat_backgrounds(settings, first)
             number, (block, *_) = next(iter(shares.items()))
             of_geometry, begun[number] = timed(partial(_geometry, flat, number))
-            of_block, _ = timed(partial(_block, flat, (begun[number], block)))
+            of_block, (_, values) = timed(partial(_block, flat, (begun[number], block)))
+            with TemporaryDirectory() as folder:
+                trial = BlockStore(Path(folder), store.layout, attributes, labels)
+                of_block += timed(partial(trial.write, (block,), values))[0]
             estimated((len(shares) - 1) * of_geometry + blocks * of_block)
         backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
         shared = settings, layout.photograph_shape, backgrounds
