@@ -92,7 +92,9 @@ def show_space(
                 colour[here & (met.facing > 0)] = BACK
         light[met.rays] += met.weights[:, None] * (colour - PAPER)
     picture = light.reshape(rows, SHARPNESS, columns, SHARPNESS, 3).mean(axis=(1, 3))
-    ax.imshow(picture, extent=(low[0], high[0], low[1], high[1]))
+    ax.imshow(
+        np.clip(picture, 0, 1), extent=(low[0], high[0], low[1], high[1])
+    )  # rounding exceeds 1
     ax.set_axis_off()
     borders = {n: _project(each.vertices, eye, axes) for n, each in surfaces.items()}
     for name, border in borders.items():
