@@ -6,6 +6,7 @@ than before leaves the others as they are.
 """
 
 import threading
+import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +37,7 @@ from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import combine_rows, times_rows
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
-from periscopy_sim.rendering.transport.plan import planned
+from periscopy_sim.rendering.transport.plan import SMALL, planned
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import (
     Progress,
@@ -355,6 +356,12 @@ def render_geometry(settings: Configuration, number: int) -> Geometry:
         # The seed is the data set's own: samples of A are no random draw of a sample.
         noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
         plan, made = planned(scenario, noise, samples=light.samples, seed=settings.seed)
+        if plan.error > SMALL * noise:
+            warnings.warn(
+                f"geometry {number}: A errs by {plan.error:.1e} of its mean, more than a third of "
+                f"the noise at {-20 * np.log10(noise):.0f} dB",
+                stacklevel=2,
+            )
         A = plan.transport(scenario, made, seed=settings.seed)
         if isinstance(light, Bounced):
             bounced = add_bounces(scenario, A, light.bounces, seed=settings.seed)
