@@ -228,13 +228,13 @@ def _direct_light(
     """
     sizes = {name: (each.shape[0], each.shape[1]) for name, each in images.items()}
     scenario = replace(scenario, hidden=Hidden.of_scene(scenario.scene, sizes))
-    f = np.concatenate([each.reshape(-1, 3) for each in images.values()]).astype(np.float32)
+    f = np.concatenate([each.reshape(-1, 3) for each in images.values()])
     (M, N), across = scenario.transport_shape, points_across(scenario.photograph_shape)
     if has_areas(scenario) and has_areas(scenario.averaged(2 * across)):
-        light = _light_by_areas(scenario.averaged(across), f)
+        light = _by_channel(_light_by_areas, scenario.averaged(across), f)
         while True:
             across *= 2
-            coarse, light = light, _light_by_areas(scenario.averaged(across), f)
+            coarse, light = light, _by_channel(_light_by_areas, scenario.averaged(across), f)
             error = _half_difference(light, coarse, light)
             if error <= target or M * (2 * across) ** 2 > MOST_POINTS:
                 return light, error
@@ -243,7 +243,7 @@ def _direct_light(
     while True:
         finer = (scenario.averaged(each) for each in grids)
         first, second = (
-            _light_by_rays(RenderedTransport(each, samples, seed=_seed(seed, number)), f)
+            _by_channel(partial(_light_by_rays, samples, _seed(seed, number)), each, f)
             for number, each in enumerate(finer)
         )
         light = (first + second) / 2
@@ -262,8 +262,17 @@ def _half_difference(one: Array, other: Array, light: Array) -> float:
     return float(np.sqrt(np.mean((one - other) ** 2))) / scale
 
 
-def _light_by_areas(scenario: Scenario, f: NDArray[np.float32]) -> Array:
-    """Return A f, (M, 3), by areas, a block of pixels at a time."""
+def _by_channel(light: Callable[[Scenario, Array], Array], scenario: Scenario, f: Array) -> Array:
+    """Return light, (M, 3), before the wall's gain; of a texture by an A for each channel."""
+    view = scenario.view
+    if view.texture is None:
+        return light(scenario, f)
+    each = (replace(scenario, view=view.of_channel(channel)) for channel in range(3))
+    return np.hstack([light(s, f[:, [c]]) for c, s in enumerate(each)]) / view.channel_gain
+
+
+def _light_by_areas(scenario: Scenario, f: Array) -> Array:
+    """Return A f, (M, C), by areas, a block of pixels at a time."""
     view, M = scenario.view, scenario.transport_shape[0]
     rows = max(1, BLOCK // len(f) // view.shape[1]) * view.shape[1]
     light = []
@@ -275,8 +284,9 @@ def _light_by_areas(scenario: Scenario, f: NDArray[np.float32]) -> Array:
     return np.concatenate(light)
 
 
-def _light_by_rays(rays: RenderedTransport, f: NDArray[np.float32]) -> Array:
-    """Return A f, (M, 3), by shadow rays from each wall point to each patch."""
+def _light_by_rays(samples: int, seed: int, scenario: Scenario, f: Array) -> Array:
+    """Return A f, (M, C), by shadow rays from each wall point to each patch."""
+    rays = RenderedTransport(scenario, samples, seed=seed)
     return np.concatenate([block.astype(np.float64) @ f for _, block in rays.row_blocks()])
 
 

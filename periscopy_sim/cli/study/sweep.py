@@ -186,7 +186,16 @@ def sweep(
     by_default = light.model is None and light.samples is None
     checked = [n for n in names if not (by_default and n in METHODS and METHODS[n].rays)]
     _check_transport(session, results.sel(algorithm=checked), worlds.noise)
+    _check_photographs(session, results)
     written(*(out / name for name in RESULTS))
+
+
+def _check_photographs(session: WallSession, results: "xr.Dataset") -> None:
+    """Warn of the photograph whose own error is largest beside its noise."""
+    error = results["photograph_error"].fillna(0)
+    ratio = error * 10 ** (results["snr"] / 20)
+    worst = ratio.isel(ratio.argmax(...))
+    session.check_photograph(float(error.sel(worst.coords)), float(worst["snr"]))
 
 
 def _check_transport(session: WallSession, results: "xr.Dataset", noise: float) -> None:
