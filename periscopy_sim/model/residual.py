@@ -217,7 +217,9 @@ def _by_paint(z: Array, w: Array, fit: Fit) -> float:
     channels = z.shape[1]
     if channels == 1 or np.allclose(z, z[:, :1], rtol=1e-3):  # as many numbers as values
         return 0.0
-    (factor,) = fit.placed((np.sum(w * z, axis=1) / np.sum(w**2, axis=1))[:, None])
+    squares = np.sum(w**2, axis=1, keepdims=True)  # 0 of a black pixel
+    factors = np.sum(w * z, axis=1, keepdims=True) / np.where(squares > 0, squares, np.inf)
+    (factor,) = fit.placed(factors)
     fine = factor - ndimage.gaussian_filter(np.nan_to_num(factor), FINE, mode="nearest")
     paint = w * fine[np.isfinite(fine)][:, None]
     rest = np.sum((z - paint) ** 2) * channels / (channels - 1)

@@ -103,6 +103,12 @@ def test_a_black_channel_hides_nothing_of_the_others():
     assert residual(photograph(transport(0.06)) * black)[0].diagnosis == "does_not_fit"
 
 
+def test_a_black_pixel_is_no_fault_of_the_report():
+    y = photograph(wall=0.01 * paint(0))
+    y[5, 7] = 0
+    assert residual(y)[0].diagnosis == "does_not_fit"
+
+
 def test_the_quick_residual_is_the_residual_without_a_verdict():
     y = photograph()
     found, solution = residual(y)
