@@ -45,8 +45,9 @@ WAVEFRONT = 1 << 24
 MOST_POINTS = 1 << 21
 """Wall points, at most, that direct light is averaged over: 23 s of two cores for the chair."""
 
-MOST_RAYS = 1 << 31
-"""Shadow rays, at most, of direct light: 6 s of two cores for the chair."""
+MOST_ENTRIES = 1 << 31
+"""Pairs of a wall point and a patch, at most, of direct light: 6 s of two cores for the chair by
+rays. Images of more patches are path traced."""
 
 BLOCK = 1 << 26
 """Entries of A at once: 256 MB."""
@@ -176,9 +177,14 @@ def rendering_of(
     shown = partial(
         build_scene, scene, scenario.hidden, images, only_hidden=only_monitor or not other_lights
     )
-    needs_paths = (bool(scene.transparent) and bounces != DIRECT) or (
-        other_lights and scenario.view.reflectance is None
+    # Rays of other light would take a transparent surface for opaque.
+    is_plain, is_clear = scenario.view.reflectance is not None, bool(scene.transparent)
+    needs_paths = (other_lights and not is_plain) or (
+        is_clear and (other_lights or bounces != DIRECT)
     )
+    patches = sum(each.shape[0] * each.shape[1] for each in images.values())
+    finest = 2 * points_across(scenario.photograph_shape)
+    needs_paths |= len(scenario.view.points) * finest**2 * patches > MOST_ENTRIES
     if samples is not None or needs_paths:
         return _path_traced(scenario, shown(), bounces, samples, target, seed, report)
     try:
@@ -236,10 +242,11 @@ def _direct_light(
             across *= 2
             coarse, light = light, _by_channel(_light_by_areas, scenario.averaged(across), f)
             error = _half_difference(light, coarse, light)
-            if error <= target or M * (2 * across) ** 2 > MOST_POINTS:
+            points = M * (2 * across) ** 2
+            if error <= target or points > MOST_POINTS or points * N > MOST_ENTRIES:
                 return light, error
     grids, samples = (2 * across, 2 * across + 1), 1
-    most = MOST_RAYS // (M * N * sum(each**2 for each in grids))
+    most = MOST_ENTRIES // (M * N * sum(each**2 for each in grids))
     while True:
         finer = (scenario.averaged(each) for each in grids)
         first, second = (

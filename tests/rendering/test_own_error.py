@@ -83,12 +83,32 @@ def test_photograph_is_the_path_tracers(room, same_mean, kind):
     same_mean(theirs, ours)
 
 
+def test_other_light_passes_a_transparent_hidden_surface(room):
+    """A lamp behind the monitor, which lets light pass: as without it, but for its own light."""
+    lamp = (
+        '<emitter type="point"><point name="position" value="0.2, -0.2, 0.3"/>'
+        '<rgb name="intensity" value="1"/></emitter>'
+    )
+    clear = room.monitor('<bsdf type="null"/>' + room.area, inside="")
+    image = np.full((2, 3, 3), 1e-6)
+    scenes = [room.load(lamp, hidden=(2, 3), **parts) for parts in ({"monitor": clear}, {})]
+    seen, hidden = (rendering_of(each, image, snr=30, bounces=1).photograph for each in scenes)
+    assert seen.min() > 100 * hidden.max()
+
+
 def test_path_tracers_error_is_its_scatter(room):
     scene, image = room.load(room.blocker()), np.ones((2, 3, 3))
     draws = [rendering_of(scene, image, samples=128, seed=seed) for seed in range(12)]
     scatter = rms(np.std([each.photograph for each in draws], axis=0, ddof=1))
     scatter /= rms(draws[0].photograph)
     assert np.mean([each.relative_error for each in draws]) == pytest.approx(scatter, rel=0.3)
+
+
+def test_images_of_very_many_patches_are_path_traced(shipped, monkeypatch):
+    monkeypatch.setattr(photograph, "_direct_light", None)
+    image = np.ones((1000, 2000, 3))
+    rendering = rendering_of(shipped("chair"), image, snr=20, bounces=1)
+    assert 0 < rendering.relative_error <= photograph.allowed_error(20)
 
 
 def test_an_snr_beyond_the_budget_is_warned_of(shipped, monkeypatch):
