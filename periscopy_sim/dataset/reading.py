@@ -95,9 +95,10 @@ class Layout:
     @property
     def sample_bytes(self) -> int:
         """Bytes of a sample's images before compression."""
-        pixels = np.prod(self.photograph_shape) * (1 + self.keep_background)
+        values = self.channels * np.prod(self.photograph_shape) * (1 + self.keep_background)
         patches = sum(np.prod(shape) for shape in self.hidden.values())
-        return len(CHANNELS) * int(pixels * np.dtype(self.photograph_type).itemsize + 4 * patches)
+        size = np.dtype(self.photograph_type).itemsize
+        return int(size * values + 4 * len(CHANNELS) * patches)
 
     def of_store(self) -> StoreLayout:
         """Return the layout of the archive: the variables that every sample has, in blocks."""

@@ -24,7 +24,6 @@ from periscopy_sim.dataset.configuration import (
     Configuration,
     Darkness,
     Lamps,
-    Mixture,
     Pictures,
 )
 from periscopy_sim.dataset.distributions import Distribution, Source
@@ -384,12 +383,15 @@ def missing_lights(settings: Configuration, scenario: Scenario, folder: Path) ->
 
 def flat_backgrounds(settings: Configuration, scenario: Scenario) -> Backgrounds:
     """Return even light in the place of `backgrounds_of`, to try how long a sample takes."""
-    shape = (*scenario.photograph_shape, 3)
-    counts = {
-        number: len(source.names if isinstance(source, Conditions) else source.files)
-        for number, source in enumerate(settings.ambient) if isinstance(source, Mixture)
-    }  # fmt: skip
-    return {number: np.ones((count, *shape), np.float32) for number, count in counts.items()}
+    shape = scenario.photograph_shape
+    sizes = {
+        number: (len(source.names), *shape, 3)
+        if isinstance(source, Conditions)
+        else (len(source.files), *shape, settings.channels)
+        for number, source in enumerate(settings.ambient)
+        if isinstance(source, Conditions | Pictures)
+    }
+    return {number: np.ones(size, np.float32) for number, size in sizes.items()}
 
 
 def _in_grey(scenario: Scenario) -> Scenario:

@@ -30,6 +30,18 @@ def test_growing_ends_in_the_same_bytes(configured, undisturbed, tmp_path):
     assert contents(path) == contents(undisturbed)
 
 
+def test_a_camera_of_four_channels_is_announced_by_its_size(configured, tmp_path):
+    np.save(tmp_path / "y.npy", np.ones((16, 16, 4), np.float32))
+    pictures = [{"kind": "pictures", "files": [str(tmp_path / "y.npy")]}]
+    settings = configured(ambient=pictures, colour_matrix=[(1, 0, 0)] * 4, count=20)
+    plans, seconds = [], []
+    path = tmp_path / "data.zarr"
+    make_dataset(settings, path, planned=plans.append, estimated=seconds.append)
+    data = ps.open_dataset(path)
+    images = [data[name].nbytes for name in ("photograph", "background", "hidden")]
+    assert plans[0].megabytes == pytest.approx(1e-6 * sum(images)) and seconds[0] > 0
+
+
 class Stopped(BaseException):
     pass
 
