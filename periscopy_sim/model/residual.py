@@ -141,10 +141,10 @@ class Residual:
     def remedies(self) -> list[str]:
         """The remedies that help: more ``patches``, other ``numbers``, a photograph of ``paint``.
 
-        What detail within patches explains passes for paint.
+        Detail within patches passes for the others, so patches come first.
         """
         helping = [name for name, fraction in self.explained_by.items() if fraction > HELPS[name]]
-        return [name for name in helping if name != "paint" or "patches" not in helping]
+        return ["patches"] if "patches" in helping else helping
 
     def tried(self, name: str, light: Array, fit: Fit) -> "Residual":
         """Return the residual with the fraction of its misfit that light, (K, C, M'), explains."""
