@@ -36,6 +36,7 @@ SENTENCES = {
         "This method judges no scene: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise."
     ),
     "no_residual": "This method judges no scene: it does not use A.",
+    "patches": "Take more patches (--hidden).",
     "numbers": "Run calibrate.",
     "look": "Look at residual.png.",
     "pass": "Pass {options}.",

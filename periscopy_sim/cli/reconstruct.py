@@ -107,6 +107,10 @@ def reconstruct(
         with session.timed(doing), output.progress(f"computing {doing}"):
             report = joint.report(wall, solution)
             report, reports = report if several else (report, {session.sensor: report})
+            reports = {
+                camera: views[camera].with_patches_tried(own, methods[camera], images)
+                for camera, own in reports.items()
+            }
             verdicts = {
                 camera: views[camera].judge(str(file), reports[camera])
                 for camera, file in zip(views, photo, strict=True)

@@ -385,6 +385,22 @@ class PhotoSession(WallSession):
         if (ratio := float((rest / mean.mean(axis=1)).max()) / noise) > 1:
             self.warn(sentence("bounces", scene=self.scene, ratio=ratio))
 
+    def with_patches_tried(
+        self, report: "Report", fitted: "StillMethod[Any]", images: Mapping[str, Array]
+    ) -> "Report":
+        """Return a doubted report with what smaller patches would explain, by areas."""
+        from periscopy_sim.analytic.area_transport import has_areas
+        from periscopy_sim.rendering.photograph import detail_light
+
+        residual, fit = report.residual, fitted.fit
+        if residual is None or residual.unexplained_by_any is None or not report.is_doubted:
+            return report
+        if fit.mixing is not None or not has_areas(self.scenario):
+            return report
+        light = detail_light(self.scenario, images)
+        planes = fit.vectors(light.reshape(*self.scenario.photograph_shape, -1)).T
+        return replace(report, residual=residual.tried("patches", planes[None], fit))
+
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
         """Return the session of each photograph's view, by its camera; what they share is one's."""
         cameras = self.camera or [CAMERA]
@@ -435,6 +451,8 @@ class PhotoSession(WallSession):
         better = self.better_transport(self.record, self.record.get("relative_noise"))
         if better and 2 * error**2 > residual.misfit:  # the larger part of it
             return sentence("pass", options=better)
-        untried = {"numbers": not is_calibrated, "paint": not self.monitor_off}
+        untried = {
+            "patches": True, "numbers": not is_calibrated, "paint": not self.monitor_off
+        }  # fmt: skip
         remedies = [name for name in residual.remedies if untried[name]]
         return " ".join(map(sentence, remedies or ["look"]))

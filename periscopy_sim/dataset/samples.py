@@ -355,7 +355,7 @@ def render_geometry(settings: Configuration, number: int) -> Geometry:
         # The seed is the data set's own: samples of A are no random draw of a sample.
         noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
         plan, made = planned(scenario, noise, samples=light.samples, seed=settings.seed)
-        if plan.error > SMALL * noise:
+        if light.samples is None and plan.error > SMALL * noise:
             warnings.warn(
                 f"geometry {number}: A errs by {plan.error:.1e} of its mean, more than a third of "
                 f"the noise at {-20 * np.log10(noise):.0f} dB",

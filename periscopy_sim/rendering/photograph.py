@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport, has_areas, points_across
@@ -51,6 +52,9 @@ rays. Images of more patches are path traced."""
 
 BLOCK = 1 << 26
 """Entries of A at once: 256 MB."""
+
+ROUGH = 0.3
+"""Relative error of light that only shows whether there is any."""
 
 MAX_ROUNDS = 32
 """Most rounds of samples of other light, as of `render_background`."""
@@ -218,6 +222,20 @@ def bounced_light(
     return np.asarray(light * scenario.view.paint * scenario.channel_gain)
 
 
+def detail_light(scenario: Scenario, images: Mapping[str, NDArray[np.floating[Any]]]) -> Array:
+    """Return the light, (M, C), of detail within patches that images, (R, C, C) by id, suggest.
+
+    The detail is a linear interpolation to half as large patches, less its mean in each patch.
+    """
+    details = {}
+    for name, image in images.items():
+        fine = ndimage.zoom(image, (2, 2, 1), order=1, mode="nearest", grid_mode=True)
+        mean = fine.reshape(len(image), 2, -1, 2, image.shape[2]).mean(axis=(1, 3))
+        details[name] = fine - mean.repeat(2, axis=0).repeat(2, axis=1)
+    light, _ = _direct_light(scenario, details, ROUGH, 0)
+    return np.asarray(light * scenario.channel_gain[..., : light.shape[1]])
+
+
 def _halfway(report: Callable[[float], None], done: float) -> None:
     report((1 + done) / 2)
 
@@ -234,7 +252,7 @@ def _direct_light(
     """
     sizes = {name: (each.shape[0], each.shape[1]) for name, each in images.items()}
     scenario = replace(scenario, hidden=Hidden.of_scene(scenario.scene, sizes))
-    f = np.concatenate([each.reshape(-1, 3) for each in images.values()])
+    f = np.concatenate([each.reshape(-1, each.shape[2]) for each in images.values()])
     (M, N), across = scenario.transport_shape, points_across(scenario.photograph_shape)
     if has_areas(scenario) and has_areas(scenario.averaged(2 * across)):
         light = _by_channel(_light_by_areas, scenario.averaged(across), f)

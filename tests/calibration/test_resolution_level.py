@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ class Room:
 
     pixels, across, errors = np.ones((9, 8), bool), 1, np.array([0.3, 0.5])
     A, *CHANGES = np.random.default_rng(0).uniform(0.5, 1, (4, 72, 5))
+    scenario = SimpleNamespace(paint=np.ones((1, 1)))  # an even wall
 
     def transport(self, values: Array) -> Array:
         x, y = values
