@@ -12,7 +12,12 @@ from periscopy_sim.cli.options import LIGHT, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
 from periscopy_sim.measurement import composite_error, noise_to_signal
-from periscopy_sim.storage.ambient_library import CONDITIONS, ambient_photographs, find_condition
+from periscopy_sim.storage.ambient_library import (
+    CONDITIONS,
+    ambient_photographs,
+    find_condition,
+    is_photograph,
+)
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 
@@ -54,8 +59,8 @@ def photograph(
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
-    if is_rendered := ambient is not None and not Path(ambient).is_file():
-        ps.find_scene(f"ambient/{ambient}")
+    if is_rendered := ambient is not None and not is_photograph(ambient):
+        find_condition(ambient)
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     most, purpose = most_bounces(bounces), SNR if snr is None else snr
     mixed = np.asarray if colours is None else colours.mix  # of light in the scene's channels

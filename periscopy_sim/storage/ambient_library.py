@@ -166,6 +166,11 @@ def _remove_oldest(files: Iterable[Path]) -> None:
             file.unlink(missing_ok=True)
 
 
+def is_photograph(name: str) -> bool:
+    """Return whether a name is of a photograph's file rather than of a condition."""
+    return Path(name).suffix != ".xml" and Path(name).is_file()
+
+
 def find_condition(name: str) -> Path:
     """Return the file of a shipped condition, or the scene file named."""
     if name in CONDITIONS:

@@ -60,6 +60,14 @@ def test_a_camera_mixes_the_scenes_light_not_its_own_photograph(shoot, refused, 
     assert "m.npy: give three rows" in refused("photograph", "chair", "bars", *PHOTO, *options)
 
 
+@pytest.mark.usefixtures("few_paths")
+def test_a_camera_mixes_the_light_of_ones_own_scene_file_too(shoot, tmp_path):
+    np.save(tmp_path / "m.npy", [[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]])
+    sky = find_scene("ambient/overcast")
+    options = "--colour-matrix", "m.npy", "--sbr", "0.2", "--target", "0.2", "--ambient"
+    np.testing.assert_array_equal(shoot(*options, str(sky)), shoot(*options, "overcast"))
+
+
 @pytest.mark.thorough
 def test_shipped_ambient_light_is_path_traced_by_its_name(shoot):
     signal, y = shoot(), shoot("--ambient", "overcast", "--sbr", "0.5", "--target", "0.2")
