@@ -27,7 +27,12 @@ from periscopy_sim.reconstruction.registry import DEFAULT, RAYS
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.scene import CAMERA
-from periscopy_sim.storage.ambient_library import TARGET, ambient_light, find_condition
+from periscopy_sim.storage.ambient_library import (
+    TARGET,
+    ambient_light,
+    find_condition,
+    is_photograph,
+)
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 
 if TYPE_CHECKING:
@@ -180,7 +185,7 @@ class Session(options.OptionGroup):
 
     def ambient_light(self, name: str, target: float = TARGET) -> "ps.Background":
         """Return ambient light: of a photograph, of no known error, or of a condition."""
-        if Path(name).suffix != ".xml" and Path(name).is_file():
+        if is_photograph(name):
             return ps.Background(self.photograph(Path(name)).values, 0.0, 0.0)
         return ambient_light(
             find_condition(name), self.scenario, self.seed, target=target, progress=progress
@@ -397,9 +402,8 @@ class PhotoSession(WallSession):
             return report
         if fit.mixing is not None or not has_areas(self.scenario):
             return report
-        light = detail_light(self.scenario, images)
-        planes = fit.vectors(light.reshape(*self.scenario.photograph_shape, -1)).T
-        return replace(report, residual=residual.tried("patches", planes[None], fit))
+        light = fit.used(detail_light(self.scenario, images)).T
+        return replace(report, residual=residual.tried("patches", light[None], fit))
 
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
         """Return the session of each photograph's view, by its camera; what they share is one's."""

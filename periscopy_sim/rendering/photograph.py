@@ -223,17 +223,17 @@ def bounced_light(
 
 
 def detail_light(scenario: Scenario, images: Mapping[str, NDArray[np.floating[Any]]]) -> Array:
-    """Return the light, (M, C), of detail within patches that images, (R, C, C) by id, suggest.
+    """Return the light on a grey wall, (M, C), of detail within patches that images suggest.
 
-    The detail is a linear interpolation to half as large patches, less its mean in each patch.
+    Images are (rows, columns, C) by id. The detail is a linear interpolation to half as large
+    patches, less its mean in each patch.
     """
     details = {}
     for name, image in images.items():
         fine = ndimage.zoom(image, (2, 2, 1), order=1, mode="nearest", grid_mode=True)
         mean = fine.reshape(len(image), 2, -1, 2, image.shape[2]).mean(axis=(1, 3))
         details[name] = fine - mean.repeat(2, axis=0).repeat(2, axis=1)
-    light, _ = _direct_light(scenario, details, ROUGH, 0)
-    return np.asarray(light * scenario.channel_gain[..., : light.shape[1]])
+    return _direct_light(scenario, details, ROUGH, 0)[0]
 
 
 def _halfway(report: Callable[[float], None], done: float) -> None:
@@ -288,9 +288,9 @@ def _half_difference(one: Array, other: Array, light: Array) -> float:
 
 
 def _by_channel(light: Callable[[Scenario, Array], Array], scenario: Scenario, f: Array) -> Array:
-    """Return light, (M, 3), before the wall's gain; of a texture by an A for each channel."""
+    """Return light, (M, C), before the wall's gain; of a texture's three by an A for each."""
     view = scenario.view
-    if view.texture is None:
+    if view.texture is None or f.shape[1] != 3:
         return light(scenario, f)
     each = (replace(scenario, view=view.of_channel(channel)) for channel in range(3))
     return np.hstack([light(s, f[:, [c]]) for c, s in enumerate(each)]) / view.channel_gain

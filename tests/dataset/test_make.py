@@ -33,7 +33,9 @@ def test_growing_ends_in_the_same_bytes(configured, undisturbed, tmp_path):
 def test_a_camera_of_four_channels_is_announced_by_its_size(configured, tmp_path):
     np.save(tmp_path / "y.npy", np.ones((16, 16, 4), np.float32))
     pictures = [{"kind": "pictures", "files": [str(tmp_path / "y.npy")]}]
-    settings = configured(ambient=pictures, colour_matrix=[*np.eye(3).tolist(), (1, 0, 0)], count=20)
+    settings = configured(
+        ambient=pictures, colour_matrix=[*np.eye(3).tolist(), (1, 0, 0)], count=20
+    )
     plans, seconds = [], []
     path = tmp_path / "data.zarr"
     make_dataset(settings, path, planned=plans.append, estimated=seconds.append)

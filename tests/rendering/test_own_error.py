@@ -8,7 +8,7 @@ from periscopy_sim.measurement import composite, composite_error
 from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.photograph import path_trace, render_photograph, rendering_of
 from periscopy_sim.rendering.scene.load import build_scene
-from tests.scenes.materials import GLOSSY, painted
+from tests.scenes.materials import GLOSSY, checkered, diffuse, painted
 
 RATIO = 2.0
 """Of a stated error by rays to one draw's; both are over hundreds of pixels, so known to 10 %."""
@@ -109,6 +109,19 @@ def test_images_of_very_many_patches_are_path_traced(shipped, monkeypatch):
     image = np.ones((1000, 2000, 3))
     rendering = rendering_of(shipped("chair"), image, snr=20, bounces=1)
     assert 0 < rendering.relative_error <= photograph.allowed_error(20)
+
+
+@pytest.mark.parametrize("reflectance", ["0.9, 0.3, 0.15", None])
+def test_detail_of_images_of_any_channels_lights_the_wall(room, reflectance):
+    """Beside that of a grey wall; of a texture a channel alone is that of the mean albedo."""
+    tiles = diffuse(checkered("0.8, 0.8, 0.3", "0.2, 0.1, 0.3", 9))
+    wall = room.wall(painted(reflectance) if reflectance else tiles)
+    scene, image = room.load(hidden=(2, 3), wall=wall), np.random.default_rng(0).random((2, 3, 4))
+    lights = [photograph.detail_light(scene, {"monitor": image[..., :n]}) for n in (1, 3, 4)]
+    assert [each.shape for each in lights] == [(len(lights[0]), n) for n in (1, 3, 4)]
+    np.testing.assert_allclose(lights[2][:, :1], lights[0], rtol=1e-6)
+    same = 0.1 if reflectance is None else 1e-6
+    assert rms(lights[1] - lights[2][:, :3]) <= same * rms(lights[1])
 
 
 def test_an_snr_beyond_the_budget_is_warned_of(shipped, monkeypatch):
