@@ -160,7 +160,9 @@ class Stream:
         """
         if self._frames is None:
             shape, colours = self.scenario.photograph_shape, self.companions.colour_matrix
-            blank = Photograph(np.ones((*shape, 3)), np.ones(shape, bool), colour_matrix=colours)
+            channels = 3 if colours is None else len(colours.matrix)
+            light, mask = np.ones((*shape, channels)), np.ones(shape, bool)
+            blank = Photograph(light, mask, colour_matrix=colours)
             with suppress(PeriscopyError):
                 laboratory.form(choice, unless_overtaken, blank)
         if (wall := self.wall) is None:

@@ -18,6 +18,7 @@ from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.preparation import TAKEN, Companions
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.live.stream import Stream
+from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.photographs import prepare
 from periscopy_sim.photographs.marks import WallTags
 from periscopy_sim.rendering.scene.load import load_scenario
@@ -92,13 +93,19 @@ def watched():
         yield made
 
 
-def test_the_method_is_formed_before_the_first_frame(level, choice, monkeypatch):
+@pytest.mark.parametrize("channels", [3, 4])
+def test_the_method_is_formed_before_the_first_frame(level, choice, monkeypatch, channels):
     fit, fitted = live_pictures.fit_method, []
     monkeypatch.setattr(
         live_pictures, "fit_method", lambda *given: fitted.append(fit(*given)) or fitted[-1]
     )
-    frames = [np.full((24, 24, 3), 9000, np.uint16), None]
-    stream = Stream(open_source(lambda: frames.pop(0), linear=True), level().scenario)
+    frames = [np.random.default_rng(0).integers(8000, 9000, (24, 24, channels), np.uint16), None]
+    matrix = None if channels == 3 else ColourMatrix(np.eye(4, 3) + np.eye(4, 3, -1))
+    stream = Stream(
+        open_source(lambda: frames.pop(0), linear=True),
+        level().scenario,
+        Companions(colour_matrix=matrix),
+    )
     laboratory = level()
     with pytest.raises(PeriscopyError, match="waiting"):
         stream.form(laboratory, choice, lambda *_: None)
