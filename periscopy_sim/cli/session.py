@@ -402,8 +402,8 @@ class PhotoSession(WallSession):
             return report
         if fit.mixing is not None or not has_areas(self.scenario):
             return report
-        light = fit.used(detail_light(self.scenario, images)).T
-        return replace(report, residual=residual.tried("patches", light[None], fit))
+        light = np.asarray(fit.used(detail_light(self.scenario, images)).T[None], np.float64)
+        return replace(report, residual=residual.tried("patches", light, fit))
 
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
         """Return the session of each photograph's view, by its camera; what they share is one's."""
