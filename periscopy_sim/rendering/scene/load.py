@@ -39,6 +39,9 @@ ASIDE = 1e-5, 2e-5
 FLAT = 1e-5
 """Relative difference of patches' normals and edges up to which a surface counts as flat."""
 
+TEXTURES = 16
+"""Places of a camera before a wall whose averages of a texture are kept."""
+
 MIDDLE = np.array([0.5])
 """Offset of a patch's centre within it."""
 
@@ -177,6 +180,7 @@ class SceneLoader:
         self._views: dict[tuple[Size | None, int, str], View] = {}
         # A calibration asks for scenes that differ by little; most share a view.
         self._last_views: dict[tuple[Size | None, int, str], View] = {}
+        self._textures: dict[tuple[Size, int, str, bytes], dict[str, Any]] = {}
         self._last_hidden: dict[tuple[tuple[str, Size], ...], tuple[Hidden, Scene]] = {}
         self._surfaces: dict[tuple[str, Size], Surface] = {}
         self._wholes: dict[str, Surface] = {}
@@ -198,7 +202,7 @@ class SceneLoader:
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is Mitsuba's, which cannot be pickled, and what a copy computes anew."""
         of_mitsuba = {"_built": (None, None), "_layout": None}
-        return self.__dict__ | of_mitsuba | {"_last_views": {}, "_last_hidden": {}}
+        return self.__dict__ | of_mitsuba | {"_last_views": {}, "_last_hidden": {}, "_textures": {}}
 
     def at(self, scene: Scene, values: Mapping[str, str]) -> Scene:
         """Return a scene at other values, moved where that suffices, else loaded anew."""
@@ -298,13 +302,21 @@ class SceneLoader:
         return build_scene(scene, only_opaque=True) if scene.transparent else self.built(scene)
 
     def _texture(self, view: View) -> dict[str, Any]:
-        """Return what a moved camera sees of a moved wall's texture, by fields of the view."""
+        """Return what a moved camera sees of a moved wall's texture, by fields of the view.
+
+        Derivatives and searches ask again and again for the same few places.
+        """
         built, names = self.built(self.scene), (view.camera, view.wall)
         camera, wall = (view.scene.motions.get(name, np.eye(4)) for name in names)
-        parts = built, camera_of(built, view.camera), shape_of(built, view.wall)
-        what = f"scene '{self._path}': the wall ({self._materials[view.wall]})"
         motion = np.linalg.inv(wall) @ camera
-        return trace_texture(*parts, view.shape, view.across, what, motion)
+        key = view.shape, view.across, view.camera, motion.tobytes()
+        if key not in self._textures:
+            parts = built, camera_of(built, view.camera), shape_of(built, view.wall)
+            what = f"scene '{self._path}': the wall ({self._materials[view.wall]})"
+            while len(self._textures) >= TEXTURES:
+                del self._textures[next(iter(self._textures))]
+            self._textures[key] = trace_texture(*parts, view.shape, view.across, what, motion)
+        return self._textures[key]
 
     def _trace_view(self, shape: Size | None, across: int, name: str) -> View:
         built, where = self.built(self.scene), f"scene '{self._path}'"

@@ -6,6 +6,7 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import SceneError
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.rendering.ambient.background import render_background
+from periscopy_sim.rendering.scene import load
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.bounced import render_bounced_light
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
@@ -59,6 +60,19 @@ def test_albedo_follows_a_camera_that_moves_over_a_texture(room):
         np.testing.assert_allclose(getattr(moved, name), getattr(anew, name), atol=5e-3)
     still = load_scenario(path, (2, 3)).view
     assert np.abs(still.reflectance - moved.reflectance).max() > 0.1
+
+
+def test_texture_is_averaged_once_for_a_place_of_the_camera(room, monkeypatch):
+    camera = '<default name="dx" value="0"/>' + room.camera().replace(
+        "</transform>", '<translate x="$dx"/></transform>', 1
+    )
+    seen = load_scenario(room.write(wall=room.wall(diffuse(TILES)), camera=camera), (2, 3))
+    traced, trace = [], load.trace_texture
+    monkeypatch.setattr(load, "trace_texture", lambda *of: traced.append(of) or trace(*of))
+    for _ in range(3):
+        for dx in (0.01, 0.02):
+            seen.at(dx=dx)
+    assert len(traced) == 2
 
 
 def test_smooth_light_is_that_of_the_even_wall_times_its_paint(room):
