@@ -55,22 +55,12 @@ class Made:
 
 @dataclass(frozen=True)
 class Work:
-    """What a run makes: samples and geometries that a data set lacks.
-
-    Attributes
-    ----------
-    samples, geometries
-        Their numbers.
-    lights
-        Number of ambient conditions that are rendered.
-    megabytes
-        Size of the samples before compression.
-    """
+    """What a run makes: the numbers of samples and geometries that a data set lacks."""
 
     samples: int
     geometries: int
-    lights: int
-    megabytes: float
+    lights: int  # ambient conditions that are rendered
+    megabytes: float  # of the samples, before compression
 
 
 def make_dataset(

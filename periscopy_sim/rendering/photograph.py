@@ -200,8 +200,9 @@ def rendering_of(
     if bounces != DIRECT or other_lights:
         parts = _other_light(scenario, shown(), other_lights=other_lights, bounces=bounces)
         within = math.sqrt(max(target**2 - error**2, (target / 3) ** 2))
-        halfway = partial(_halfway, report)
-        light, rest = _smoothed(parts, scenario, direct, within, seed, halfway)
+        light, rest = _smoothed(
+            parts, scenario, direct, within, seed, lambda done: report((1 + done) / 2)
+        )
     picture = np.maximum(direct + scenario.view.paint * light, 0) * scenario.channel_gain
     report(1.0)
     return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest))
@@ -234,10 +235,6 @@ def detail_light(scenario: Scenario, images: Mapping[str, NDArray[np.floating[An
         mean = fine.reshape(len(image), 2, -1, 2, image.shape[2]).mean(axis=(1, 3))
         details[name] = fine - mean.repeat(2, axis=0).repeat(2, axis=1)
     return _direct_light(scenario, details, ROUGH, 0)[0]
-
-
-def _halfway(report: Callable[[float], None], done: float) -> None:
-    report((1 + done) / 2)
 
 
 def _direct_light(

@@ -78,9 +78,9 @@ def ambient_photographs(
         digest = scene_sha256(path)
         settings = as_text({**origin, "ambient": name, "ambient_sha256": digest})
         if not file.is_file():
+            light = ambient_light(path, scenario, seed, target=target, progress=progress)
+            errors = {name: getattr(light, name) for name in ERRORS}
             with staged_file(file) as staged:
-                light = ambient_light(path, scenario, seed, target=target, progress=progress)
-                errors = {name: getattr(light, name) for name in ERRORS}
                 write_exr(staged, light.photograph, {**settings, **errors})
         # Also what was just rendered: as kept, so that a later run computes the same.
         with local_copy(file) as copy:
@@ -150,7 +150,7 @@ def cached_light(path: Path, scenario: Scenario, seed: int, target: float = TARG
 
 @cache
 def _renderer_sha256() -> str:
-    """Return the digest of the code that renders, which changes more often than its version."""
+    """Return the digest of the code that renders; it changes more often than its version."""
     from periscopy_sim import rendering
 
     return sha256_of(sorted(Path(rendering.__file__).parent.rglob("*.py")))

@@ -66,62 +66,28 @@ def show_time(seconds: float, *apart: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What a world of a sweep is made of.
-
-    Attributes
-    ----------
-    photographs
-        Their files.
-    matrices
-        Folder and pattern of their files, and the number that is needed; None where the methods
-        calibrate the scene.
-    place
-        Folder of the ambient light.
-    lights
-        Returns the ambient conditions that are rendered, by their files in the user's cache.
-    """
+    """What a world of a sweep is made of."""
 
     photographs: set[Path]
+    # Folder and pattern of the files, and how many are needed; None where methods calibrate.
     matrices: tuple[Path, str, int] | None
-    place: Path
-    lights: Callable[[], Mapping[Path, str]]
+    place: Path  # folder of the ambient light
+    lights: Callable[[], Mapping[Path, str]]  # rendered conditions, by files in the user's cache
 
 
 @dataclass(eq=False)
 class SweepForecast:
-    """What a sweep lacks, and how long it takes by the first of each part.
-
-    Attributes
-    ----------
-    photographs
-        Their files.
-    matrices
-        Patterns of their files, with the number of those that are needed, by folder.
-    lights
-        Ambient conditions that are rendered, by their files in the user's cache.
-    fits
-        Scenes to which the methods are fitted.
-    cells
-        Missing results of each method, but those of calibrations.
-    calibrations
-        Photographs that calibrate the scene; nothing shows their time before the first.
-    first
-        The first missing result of each method.
-    rate
-        Seconds of ambient light whose `LIGHT_COST` is 1.
-    is_shown
-        Whether the time is printed.
-    """
+    """What a sweep lacks, and how long it takes by the first of each part."""
 
     photographs: set[Path] = field(default_factory=set)
-    matrices: dict[tuple[Path, str], int] = field(default_factory=dict)
+    matrices: dict[tuple[Path, str], int] = field(default_factory=dict)  # numbers, see `Parts`
     lights: dict[Path, str] = field(default_factory=dict)
-    fits: int = 0
-    cells: "Counter[str]" = field(default_factory=Counter)
-    calibrations: int = 0
-    first: dict[str, Mapping[str, Any]] = field(default_factory=dict)
-    rate: float = 0.0
-    is_shown: bool = False
+    fits: int = 0  # scenes to which the methods are fitted
+    cells: "Counter[str]" = field(default_factory=Counter)  # missing, without calibrations
+    calibrations: int = 0  # photographs that calibrate; nothing shows their time before the first
+    first: dict[str, Mapping[str, Any]] = field(default_factory=dict)  # missing cell of a method
+    rate: float = 0.0  # seconds of ambient light whose `LIGHT_COST` is 1
+    is_shown: bool = False  # whether the time is printed
     _seconds: dict[str, list[float]] = field(default_factory=dict, init=False)
 
     def begin(

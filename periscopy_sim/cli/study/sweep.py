@@ -193,9 +193,8 @@ def sweep(
 def _check_photographs(session: WallSession, results: "xr.Dataset") -> None:
     """Warn of the photograph whose own error is largest beside its noise."""
     error = results["photograph_error"].fillna(0)
-    ratio = error * 10 ** (results["snr"] / 20)
-    worst = ratio.isel(ratio.argmax(...))
-    session.check_photograph(float(error.sel(worst.coords)), float(worst["snr"]))
+    worst = error.isel((error * 10 ** (results["snr"] / 20)).argmax(...))
+    session.check_photograph(float(worst), float(worst["snr"]))
 
 
 def _check_transport(session: WallSession, results: "xr.Dataset", noise: float) -> None:
