@@ -249,9 +249,8 @@ def make_tracer(
     sites: NDArray[np.intp],
     bounces: int | None,
     shown: Any = None,
-    paths: int = PATHS,
 ) -> Callable[[int], Array]:
-    """Return the function that estimates bounced light at some pixels by `paths` paths from each.
+    """Return the function that estimates bounced light at some pixels by `PATHS` paths from each.
 
     It maps a seed of 32 bits to (S, N, 3): radiance to the camera for each unit of a patch's normal
     radiance. `bounces` is the most reflections of a path, 2 or more; None for any number. If the
@@ -266,12 +265,12 @@ def make_tracer(
     wall = shape_of(scene, scenario.view.wall)
     rows, columns = scenario.photograph_shape
     shapes = {name: mi.ShapePtr(shape_of(scene, name)) for name in hidden}
-    lanes = len(sites) * paths
-    path_numbers = PathNumbers(len(sites), (paths,))
+    lanes = len(sites) * PATHS
+    path_numbers = PathNumbers(len(sites), (PATHS,))
 
     def trace(seed: int) -> Array:
         numbers = path_numbers.shifted(seed)
-        site = dr.arange(mi.UInt32, lanes) // paths
+        site = dr.arange(mi.UInt32, lanes) // PATHS
         pixel = dr.gather(mi.UInt32, mi.UInt32(sites.astype(np.uint32)), site)
         x, y = pixel % columns + numbers(0), pixel // columns + numbers(1)
         ray, _ = camera.sample_ray(
@@ -294,7 +293,7 @@ def make_tracer(
         if shown is not None:
             light, _ = trace_paths(scene, numbers, 7, onward, **begin)
             dr.eval(light)  # the sums over its channels would each trace it anew
-            return np.array(dr.block_sum(light, paths), np.float64).T / paths
+            return np.array(dr.block_sum(light, PATHS), np.float64).T / PATHS
         sums = dr.zeros(mi.Int64, len(sites) * hidden.patches * 3)
 
         def splat(light: Any, emitter: Any, uv: Any, radiance: Any, active: Any) -> Any:
@@ -314,7 +313,7 @@ def make_tracer(
             return light
 
         trace_paths(scene, numbers, 7, onward, **begin, deposit=splat)
-        return np.asarray(np.array(sums).reshape(len(sites), -1, 3) * (FINEST / paths))
+        return np.asarray(np.array(sums).reshape(len(sites), -1, 3) * (FINEST / PATHS))
 
     return trace
 
