@@ -23,7 +23,7 @@ from periscopy_sim.cli.output import fixable, progress, warn, write_json
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
-from periscopy_sim.reconstruction.registry import DEFAULT, RAYS
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.rendering.transport.kernel import Strata
 from periscopy_sim.scene import CAMERA
@@ -236,7 +236,8 @@ class Session(options.OptionGroup):
         self.settings |= light.origin
         if noise is not None:
             self.record["relative_noise"] = noise
-            self.check_error(origin, noise)
+            if matrix or light.samples or light.model or not METHODS[method].rays:
+                self.check_error(origin, noise)  # else the method wants the rays' grain
         A = np.asarray(channels_mean(A))
         white = A.sum(axis=0, dtype=np.float64) / (A.sum(dtype=np.float64) or 1.0)
         least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))

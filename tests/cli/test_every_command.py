@@ -55,7 +55,7 @@ frame = iter([codes, codes, None]).__next__
 WARNINGS = {
     "demo": ["the photograph hardly shows a hidden image"],
     "watch": ["decoded by the sRGB curve", "saturated: "],
-    "calibrate": ["determines the parameters less well", "fixed numbers", "Look at the picture"],
+    "calibrate": ["determines the parameters less well"],
     "dataset": ["no geometry is for validation or test"],
 }
 """Words of each warning that a command prints of these small inputs; the others print none."""

@@ -10,6 +10,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli.light import Light, check_memory
 from periscopy_sim.cli.options import Model
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation import methods
 from periscopy_sim.numerics import machine
 from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.rendering.transport import plan as planning
@@ -40,7 +41,7 @@ def test_transport_has_its_closed_form_unless_rays_are_asked_for(
 
 def test_noise_of_exactly_none_is_not_unknown_noise(scenario, monkeypatch):
     asked = []
-    monkeypatch.setattr(planning, "plan_transport", lambda _, noise, **__: asked.append(noise))
+    monkeypatch.setattr(methods, "plan_transport", lambda _, noise, **__: asked.append(noise))
     for noise in (0.0, None):
         Light().plan(scenario, noise)
     assert asked == [0.0, planning.NOISE]

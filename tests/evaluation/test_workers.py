@@ -131,7 +131,7 @@ def test_a_scheduler_lost_midway_is_one_line_that_says_what_goes_on(begun, monke
     monkeypatch.setattr("periscopy_sim.evaluation.workers.CONNECTING", 0.5)
 
     local = {"n_workers": 1, "processes": False, "dashboard_address": "127.0.0.1:0"}
-    lost = pytest.raises(PeriscopyError, match="same command")
+    lost = pytest.raises(PeriscopyError, match="begin again")
     with LocalCluster(protocol="tcp://", **local) as cluster:
         with lost as error, connect(cluster.scheduler_address) as client:
             if not begun:

@@ -44,7 +44,7 @@ def plot(
     reference: Annotated[str, option("METHOD", _REFERENCE)] = "",
     width: Annotated[float, option("INCHES", _WIDTH, kind="inches")] = COLUMN,
 ) -> None:
-    """Draw what the last sweep asked for over any axis, or write its table."""
+    """Draw what the last sweep asked for, or write its table."""
     require_all(*SWEEP)
     if out.suffix in TABLES and (over or panels):
         raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
