@@ -71,7 +71,7 @@ class Parts:
     Attributes
     ----------
     photographs
-        Their files.
+        Files of those to render.
     matrices
         Folder and pattern of their files, and the number that is needed; None where the methods
         calibrate the scene.
@@ -94,7 +94,7 @@ class SweepForecast:
     Attributes
     ----------
     photographs
-        Their files.
+        Files of those to render; who renders one removes it.
     matrices
         Patterns of their files, with the number of those that are needed, by folder.
     lights
@@ -183,10 +183,10 @@ class SweepForecast:
             )  # fmt: skip
 
     def _missing(self) -> tuple[int, int]:
-        """Return how many photographs and matrices are missing."""
+        """Return how many photographs and matrices are left to make."""
         held = {key: len([*key[0].glob(key[1])]) for key in self.matrices}
         return (
-            sum(not file.is_file() for file in self.photographs),
+            len(self.photographs),
             sum(max(count - held[key], 0) for key, count in self.matrices.items()),
         )
 
