@@ -79,7 +79,7 @@ class Parts:
 class SweepForecast:
     """What a sweep lacks, and how long it takes by the first of each part."""
 
-    photographs: set[Path] = field(default_factory=set)
+    photographs: set[Path] = field(default_factory=set)  # to render; who renders one removes it
     matrices: dict[tuple[Path, str], int] = field(default_factory=dict)  # numbers, see `Parts`
     lights: dict[Path, str] = field(default_factory=dict)
     fits: int = 0  # scenes to which the methods are fitted
@@ -149,10 +149,10 @@ class SweepForecast:
             )  # fmt: skip
 
     def _missing(self) -> tuple[int, int]:
-        """Return how many photographs and matrices are missing."""
+        """Return how many photographs and matrices are left to make."""
         held = {key: len([*key[0].glob(key[1])]) for key in self.matrices}
         return (
-            sum(not file.is_file() for file in self.photographs),
+            len(self.photographs),
             sum(max(count - held[key], 0) for key, count in self.matrices.items()),
         )
 

@@ -180,8 +180,9 @@ class Worlds:
         is_calibrated = values.get(KNOWN) == CALIBRATED
         return Parts(
             photographs={
-                self._photograph_file(self._folder(values), name)
+                file
                 for name in self.shown.keys() - self.photographs.keys()
+                if self._has_noise(file := self._photograph_file(self._folder(values), name))
             },
             matrices=None if is_calibrated else (folder, matrices, count),
             place=self._ambient_folder(values),
@@ -304,35 +305,46 @@ class Worlds:
         """Return the file of a hidden image's photograph."""
         return folder / f"photograph_{name}.exr"
 
+    @property
+    def _snr(self) -> float:
+        """What photographs are rendered for, in dB; ambient light's error has its part."""
+        return float(-20 * np.log10(self.noise) + 3)
+
+    def _has_noise(self, file: Path) -> bool:
+        """Return whether a photograph is missing, or was rendered for more noise."""
+        held = read_exr(file)[1] if file.is_file() else {}
+        return not float(held.get("made_for_snr", "nan")) >= self._snr
+
     def _signal(self, session: WallSession, folder: Path, name: str) -> tuple[Photograph, float]:
         """Return the photograph of a hidden image and its own error over its root mean square.
 
         It is given, then of no known error, or rendered, from its file if any. As A it serves the
-        sweep's least noise, of which ambient light's error has its part.
+        sweep's least noise.
         """
         from periscopy_sim.rendering.photograph import rendering_of
 
         if name in self.photographs:
             return self.photographs[name], 0.0
         file = self._photograph_file(folder, name)
-        picture, snr = session.hidden_image(self.shown[name]), -20 * np.log10(self.noise) + 3
+        picture = session.hidden_image(self.shown[name])
         made = {n: session.provenance[n] for n in ("scene_sha256", "parameters", "seed")}
         made |= {"camera": session.sensor, "bounces": self.light.bounces}
         made |= {"image_sha256": image_sha256(picture)}
         held = read_exr(file)[1] if file.is_file() else {}
         # A picture or a scene of this name may have been another, or the noise larger.
-        if not (as_text(made).items() <= held.items() and float(held["made_for_snr"]) >= snr):
+        if not as_text(made).items() <= held.items() or self._has_noise(file):
             with output_files(file) as (staged,), progress(f"photograph: {name}") as report:
                 rendered = rendering_of(
-                    session.scenario, picture, snr=snr, bounces=self.light.most_bounces,
+                    session.scenario, picture, snr=self._snr, bounces=self.light.most_bounces,
                     seed=_seed_of(session, name), progress=report,
                 )  # fmt: skip
                 held = {
                     **as_text({**session.provenance, **made, "image": self.shown[name]}),
                     "relative_error": rendered.relative_error,
-                    "made_for_snr": snr,
+                    "made_for_snr": self._snr,
                 }
                 write_exr(staged, rendered.photograph, held)
+            self.forecast.photographs.discard(file)
         mask, monitor_off = session.companions()
         wall = replace(session.photograph(file), mask=mask, monitor_off=monitor_off)
         return wall, float(held["relative_error"])

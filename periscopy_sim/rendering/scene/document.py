@@ -75,7 +75,7 @@ def _is_in_range(word: str) -> bool:
 def file_of(props: Any, document: SceneDocument) -> tuple[str, Path]:
     """Return a plugin and the file that it reads: of a mesh that Mitsuba does not read, a copy."""
     name, plugin = props["filename"], props.plugin_name()
-    where = f"scene '{document.path}': {plugin} '{props.id()}'"
+    where = f"scene '{document.path}': {plugin}" + (f" '{props.id()}'" if props.id() else "")
     file = _first(name, document.folders)
     if file is None:
         raise SceneError(f"{where} names a missing file '{document.path.parent / name}'")

@@ -168,6 +168,8 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
         assert results.background.values.tolist() == ["none"]
+    quieter = succeeds(*study, "--snr", "62", "--out", "out")  # photographs of less noise
+    assert "\nto make: 4 photographs\n" in quieter
 
 
 @pytest.mark.usefixtures("jit")
