@@ -236,8 +236,9 @@ class Session(options.OptionGroup):
         self.settings |= light.origin
         if noise is not None:
             self.record["relative_noise"] = noise
-            if matrix or light.samples or light.model or not METHODS[method].rays:
-                self.check_error(origin, noise)  # else the method wants the rays' grain
+            wants_grain = method in METHODS and METHODS[method].rays  # a ridge for P
+            if matrix or light.samples or light.model or not wants_grain:
+                self.check_error(origin, noise)
         A = np.asarray(channels_mean(A))
         white = A.sum(axis=0, dtype=np.float64) / (A.sum(dtype=np.float64) or 1.0)
         least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))
