@@ -111,6 +111,7 @@ def reconstruct(
                 camera: views[camera].with_patches_tried(own, methods[camera], images)
                 for camera, own in reports.items()
             }
+            report = report if several else reports[session.sensor]
             verdicts = {
                 camera: views[camera].judge(str(file), reports[camera])
                 for camera, file in zip(views, photo, strict=True)

@@ -405,7 +405,9 @@ class PhotoSession(WallSession):
         if fit.mixing is not None or not has_areas(self.scenario):
             return report
         light = np.asarray(fit.used(detail_light(self.scenario, images)).T[None], np.float64)
-        return replace(report, residual=residual.tried("patches", light, fit))
+        residual = residual.tried("patches", light, fit)
+        numbers = {**report.numbers, **residual.numbers()}
+        return replace(report, residual=residual, numbers=numbers)
 
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
         """Return the session of each photograph's view, by its camera; what they share is one's."""

@@ -72,12 +72,13 @@ CHANCE = 6.0
 ROUNDED = 10 * SINGLE_ROUNDING
 """Unexplained light over the photograph's that counts as rounding."""
 
-HELPS = {"numbers": 0.05, "paint": 0.5, "patches": 0.4}
+HELPS = {"numbers": 0.05, "paint": 0.5, "patches": 0.25}
 """Least fraction of a misfit that a remedy explains if it helps (64 x 64 pixels, noise 0.13 %). One
 linear step for a box 5, 10 and 20 mm off explains 0.18, 0.15 and 0, for a wrong monitor or paint 0;
 paint whose grain is blurred by 0, 0.8 and 1.5 pixels explains 0.93, 0.67 and 0.28, the box 0.2.
 Detail of pictures of 29 x 36 and 45 x 54 patches within 15 x 18 explains 0.46 to 0.78 (chair, 63
-pixels, 60 dB), and passes for paint by 0.54 to 0.73; for a chair 5 mm off it is 0.11 and 0.33."""
+pixels, 60 dB), of 12 x 14 within 6 x 7 0.31 (32 pixels), and passes for paint by 0.54 to 0.73; a
+chair 5 mm off is 0.11 and 0.33, paint 0."""
 
 ELSEWHERE, BY_CHANCE = 5, 0.05
 """Places of the T_k on the wall, the right one among them, and the fraction of unrelated misfits
@@ -141,10 +142,10 @@ class Residual:
     def remedies(self) -> list[str]:
         """The remedies that help: more ``patches``, other ``numbers``, a photograph of ``paint``.
 
-        Detail within patches passes for the others, so patches come first.
+        Detail within patches passes for paint.
         """
         helping = [name for name, fraction in self.explained_by.items() if fraction > HELPS[name]]
-        return ["patches"] if "patches" in helping else helping
+        return [name for name in helping if name != "paint" or "patches" not in helping]
 
     def tried(self, name: str, light: Array, fit: Fit) -> "Residual":
         """Return the residual with the fraction of its misfit that light, (K, C, M'), explains."""

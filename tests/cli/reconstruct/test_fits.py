@@ -1,5 +1,7 @@
 """What the command says of scenes that do not fit, hardly show, or have no rank."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
-from periscopy_sim.model.residual import Residual
+from periscopy_sim.model.residual import HELPS, Residual
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.transport.shadow_rays import require_light
@@ -38,6 +40,23 @@ def test_a_remedy_is_named_only_if_it_explains_the_misfit(explained, options, ad
     assert line.startswith("The scene does not fit") and colour == "red"
     assert all(part in line for part in advice.split(". "))
     assert line.count(".png") + line.count("calibrate") + line.count("--") == advice.count(". ") + 1
+
+
+@pytest.mark.parametrize(
+    ("shown", "paint", "named"), [((12, 14), 0.0, True), ((6, 7), 0.01, False), ((6, 7), 0, False)]
+)
+def test_smaller_patches_are_a_remedy_for_detail_alone(succeeds, tmp_path, shown, paint, named):
+    """Seed 0, noise of 60 dB; a chair of 32 x 32 pixels recovered in 6 x 7 patches."""
+    scene = ps.load_scenario("chair", shown, {"resolution": 32})
+    image = ps.read_hidden_image(ps.find_image("mushroom"), shown).reshape(-1, 3)
+    wall = (ps.transport(scene).astype(float) @ image).reshape(32, 32, 3)
+    wall *= 1 + paint * np.random.default_rng(0).standard_normal((32, 32, 1))
+    np.save(tmp_path / "y.npy", ps.add_noise(wall, 60, 0))
+    size = "-D", "resolution=32", "--hidden", "6x7", "--uncertain", "none"
+    said = succeeds("reconstruct", "y.npy", "--scene", "chair", *size, "--out", "r")
+    tried = json.loads((tmp_path / "r" / "summary.json").read_text())["explained_by"]
+    assert (tried.get("patches", 0) > HELPS["patches"]) == named == ("more patches" in said)
+    assert ("--monitor-off" in said) == (paint > 0)
 
 
 @pytest.mark.parametrize(("errors_off", "names"), [(4.0, ["occluder_dx"]), (2.0, [])])
