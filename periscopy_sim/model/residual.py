@@ -110,7 +110,7 @@ class Residual:
         too large or the image is black. With too few pixels with neighbours, `unexplained` is
         the only number.
     explained_by
-        Fraction of the misfit that each remedy explains beyond chance; only where there is one.
+        Fraction of a misfit that each remedy explains beyond chance; empty without a misfit.
     """
 
     light: Array = field(repr=False)
@@ -179,7 +179,7 @@ def residual_of(
     """Return the residual of a photograph, y, (M', C), by a fit, from the signal A f̂, (M', C).
 
     The fit knows the rows and columns of photographs. `motions` returns the T_k, (K, C, M'), if
-    they are known; they are asked for where there is a misfit.
+    they are known; only a misfit needs them.
     """
     transport, place = fit.operator, fit.placed
     r = transport.project_out(y - signal)
