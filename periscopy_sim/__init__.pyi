@@ -15,7 +15,6 @@ from .dataset.reading import open_dataset
 from .dataset.torch_dataset import TorchDataset
 from .errors import PeriscopyError
 from .evaluation.diagnostics import diagnose
-from .evaluation.methods import find_method
 from .evaluation.metrics import (
     colour_matched_psnr,
     gain_matched,
@@ -31,6 +30,7 @@ from .hidden import Hidden, Surface
 from .laboratory.build import build_laboratory
 from .live.watch import watch
 from .measurement import Sensor, add_noise, composite
+from .methods import find_method
 from .model.uncertainty import UncertainTransport
 from .photograph import ColourMatrix, Photograph
 from .photographs.defects import defective_pixels
@@ -50,7 +50,7 @@ from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
 from .rendering.ambient.background import Background, render_background
 from .rendering.photograph import render_photograph
-from .rendering.scene.load import load_scenario, load_scene
+from .rendering.scene.load import load_scene
 from .rendering.transport.bounced import (
     BouncedLight,
     BouncedTransport,
@@ -60,7 +60,7 @@ from .rendering.transport.bounced import (
 from .rendering.transport.plan import transport
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
-from .scenario import Scenario
+from .scenario import Light, Scenario, load_scenario
 from .scene import Scene
 from .shipped import find_image, find_scene
 from .storage.photographs import read_mask, read_photograph, read_sensor_image
@@ -81,6 +81,7 @@ __all__ = [
     "IterativePeriscope",
     "IterativeReconstruction",
     "Learned",
+    "Light",
     "NoiseAware",
     "NoiseAwareReconstruction",
     "NoiseAwareVideo",

@@ -7,7 +7,7 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options, output
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import Out, option
 from periscopy_sim.cli.reconstruct import reconstruct
 from periscopy_sim.cli.render import photograph
@@ -42,14 +42,14 @@ def demo(
     photograph(
         session=scene, image=image, out=photo, ambient=str(ambient), sbr=0.5, snr=60.0
     )  # fmt: skip
-    truth, y = scene.hidden_image(image), scene.photograph(photo).values
+    truth, y = scene.scenario.image(image), scene.photograph(photo).values
     pictures = [("hidden image", panels.displayable(truth, white=1))]
     pictures.append(("photograph of the wall", panels.displayable(y)))
     rows = []
     for method, title in METHODS.items():
         with output.part_of_command() as part:
             reconstruct(
-                photo=[photo], session=PhotoSession(*chair), light=Light(), out=out / method,
+                photo=[photo], session=PhotoSession(*chair), light=LightOptions(), out=out / method,
                 method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",
             )  # fmt: skip
         output.written(out / method)

@@ -6,7 +6,7 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
 from periscopy_sim.cli.session import WallSession
@@ -29,7 +29,7 @@ MEANINGS = {
 
 def analyze(
     session: WallSession,
-    light: Light,
+    light: LightOptions,
     out: options.Out,
     rank_tolerance: Annotated[float, option("NUMBER", _TOLERANCE, kind="tolerance")] = 1e-10,
 ) -> None:
@@ -41,9 +41,9 @@ def analyze(
 
     with output_folder(out, ["bounds*.npy"]) as folder:
         session.check_scene()
-        scenario = session.scenario
+        scenario = session.lit(light, strata="gauss")
         mask, monitor_off = session.companions()
-        A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
+        A, B = session.transport(scenario), scenario.B
         white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)  # the photograph of a screen
         channels = next(iter(monitor_off.values()), white)
         wall = ps.Photograph(np.broadcast_to(white, channels.shape), mask, monitor_off)

@@ -11,7 +11,7 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.cli import options, output
-from periscopy_sim.cli.light import Light, check_memory
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.session import Session
@@ -39,7 +39,7 @@ class By(StrEnum):
 
 def design(
     session: Annotated[Session, {"hidden": ["15x18"]}],
-    light: Light,
+    light: LightOptions,
     vary: Annotated[str, option("NAME=LOW:HIGH,...", _VARY)],
     out: options.ResumedFolder,
     grid: Annotated[int, option("NUMBER", _GRID, kind="grid")] = 11,
@@ -67,19 +67,17 @@ def design(
     start = start_values(session.scenario.document, list(ranges))
     given_point = dict(zip(ranges, map(designs.as_text, start), strict=True))
     points = [given_point, *designs.grid_of(ranges, grid)]
-    pictures = {name: session.hidden_image(name) for name in names}
-    check_memory(session.scenario)
-    session.check_lights()
-    plan = light.plan(session.scenario, noise_to_signal(snr, sbr), session.seed)
+    pictures = {name: session.scenario.image(name) for name in names}
+    session.check_scene()
+    base = session.lit(light, strata="gauss")
+    noise = noise_to_signal(snr, sbr)
     pixels = session.scenario.transport_shape[0]
 
     def errors(values: Mapping[str, str]) -> dict[str, float]:
         """Return the errors of the scene with these values."""
-        given = {**session.definitions, **values}
-        scenario = ps.load_scenario(session.path, session.sizes, given, camera=session.sensor)
-        A = channels_mean(light.transport(scenario, plan, session.seed, "gauss"))
-        B, images = light.backgrounds(scenario), list(pictures.values())
-        return designs.errors_of(scenario, A, B, images, snr=snr, sbr=sbr, pixels=pixels)
+        scenario = base.at(**values)
+        A, images = channels_mean(scenario.transport(noise)), list(pictures.values())
+        return designs.errors_of(scenario, A, scenario.B, images, snr=snr, sbr=sbr, pixels=pixels)
 
     settings = {
         "hidden_shape": session.hidden_shape,
@@ -89,7 +87,7 @@ def design(
         "snr": snr,
         "sbr": str(sbr),
         "images": [[name, image_sha256(image)] for name, image in pictures.items()],
-        **plan.origin,
+        **base.plan(noise).origin,
         **light.origin,
     }
     origin = {n: each for n, each in session.provenance.items() if n not in ("command", "scene")}

@@ -69,8 +69,7 @@ class Parts:
     """What a world of a sweep is made of."""
 
     photographs: set[Path]
-    # Folder and pattern of the files, and how many are needed; None where methods calibrate.
-    matrices: tuple[Path, str, int] | None
+    matrices: tuple[Any, int] | None  # what they depend on, how many; None where methods calibrate
     place: Path  # folder of the ambient light
     lights: Callable[[], Mapping[Path, str]]  # rendered conditions, by files in the user's cache
 
@@ -80,7 +79,7 @@ class SweepForecast:
     """What a sweep lacks, and how long it takes by the first of each part."""
 
     photographs: set[Path] = field(default_factory=set)  # to render; who renders one removes it
-    matrices: dict[tuple[Path, str], int] = field(default_factory=dict)  # numbers, see `Parts`
+    matrices: dict[Any, int] = field(default_factory=dict)  # numbers, see `Parts`; likewise
     lights: dict[Path, str] = field(default_factory=dict)
     fits: int = 0  # scenes to which the methods are fitted
     cells: "Counter[str]" = field(default_factory=Counter)  # missing, without calibrations
@@ -110,8 +109,8 @@ class SweepForecast:
                 places.setdefault(parts.place, parts)
                 self.photographs |= parts.photographs
                 if parts.matrices:
-                    folder, pattern, count = parts.matrices
-                    self.matrices[folder, pattern] = count
+                    key_of_matrices, count = parts.matrices
+                    self.matrices[key_of_matrices] = count
                     self.fits += 1
             if worlds[key].matrices:
                 self.cells[cell["algorithm"]] += 1
@@ -142,19 +141,10 @@ class SweepForecast:
         if missing:
             left = f"{len(missing):,} of " if len(missing) < results else ""
             say(f"{left}{counted(results, 'result')}: {' x '.join(words)}")
-            photographs, matrices = self._missing()
             show_parts(
-                photograph=photographs, ambient_light=len(self.lights), matrix=matrices,
-                calibration=self.calibrations,
+                photograph=len(self.photographs), ambient_light=len(self.lights),
+                matrix=sum(self.matrices.values()), calibration=self.calibrations,
             )  # fmt: skip
-
-    def _missing(self) -> tuple[int, int]:
-        """Return how many photographs and matrices are left to make."""
-        held = {key: len([*key[0].glob(key[1])]) for key in self.matrices}
-        return (
-            len(self.photographs),
-            sum(max(count - held[key], 0) for key, count in self.matrices.items()),
-        )
 
     def timed(
         self, part: str, make: Callable[Given, Made], *given: Given.args, **named: Given.kwargs
@@ -191,11 +181,10 @@ class SweepForecast:
             self.rate = self._seconds["light"][-1] / LIGHT_COST.get(name, 1.0)
         matrices, fits = (self._seconds.get(part, []) for part in ("matrix", "fit"))
         of_fit = fits[-1] - (sum(matrices) if len(fits) == 1 else 0.0)
-        photographs_left, matrices_left = self._missing()
         show_time(
-            max(self._seconds["photograph"]) * photographs_left
+            max(self._seconds["photograph"]) * len(self.photographs)
             + self.rate * sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
-            + max(matrices) * matrices_left
+            + max(matrices) * sum(self.matrices.values())
             + of_fit * (self.fits - 1)
             + sum(self.cells[name] * each for name, each in seconds.items()) / threads,
             *([counted(self.calibrations, "calibration")] if self.calibrations else []),

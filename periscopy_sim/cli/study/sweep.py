@@ -11,7 +11,7 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import GRID, Light
+from periscopy_sim.cli.light import GRID, LightOptions
 from periscopy_sim.cli.options import PHOTOGRAPH, option
 from periscopy_sim.cli.output import progress, record, say, show_table, written
 from periscopy_sim.cli.session import WallSession
@@ -62,7 +62,7 @@ VARIED = "ambient_prototypes", "light_model_sha256", "mask", "monitor_off"
 
 def sweep(
     session: Annotated[WallSession, {"hidden": ["29x36"]}],
-    light: Light,
+    light: LightOptions,
     out: options.Store,
     vary: Annotated[list[str] | None, option("NAME=VALUES", _VARY)] = None,
     photograph: Annotated[
@@ -85,8 +85,8 @@ def sweep(
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
     from periscopy_sim.evaluation import sweep as sweeps
-    from periscopy_sim.evaluation.methods import find_method, source_sha256
     from periscopy_sim.evaluation.world import flipped_names
+    from periscopy_sim.methods import find_method, source_sha256
 
     # Reject wrong values here, before hours of rendering.
     lights, names = parse_ambient(ambient), options.parse_list("--methods", methods)
@@ -192,14 +192,18 @@ def sweep(
 
 def _check_photographs(session: WallSession, results: "xr.Dataset") -> None:
     """Warn of the photograph whose own error is largest beside its noise."""
+    from periscopy_sim.rendering.photograph import excess_of
+
     error = results["photograph_error"].fillna(0)
     worst = error.isel((error * 10 ** (results["snr"] / 20)).argmax(...))
-    session.check_photograph(float(worst), float(worst["snr"]))
+    for line in excess_of(float(worst), float(worst["snr"])):
+        session.warn(line)
 
 
 def _check_transport(session: WallSession, results: "xr.Dataset", noise: float) -> None:
     """Warn where an A errs more than the noise, or that of one line was made in several ways."""
     from periscopy_sim.evaluation.sweep import LIGHT
+    from periscopy_sim.judgement import check_error
 
     for name in results["algorithm"].values.tolist():
         of_method = results.sel(algorithm=name)
@@ -218,7 +222,7 @@ def _check_transport(session: WallSession, results: "xr.Dataset", noise: float) 
             "samples": None if np.isnan(samples) else int(samples),
             "transport_error": None if np.isnan(error) else error,
         }
-        session.check_error(plan, noise, f"{name}: A")
+        session.warn_of(check_error(session.scenario, plan, noise, f"{name}: A"))
 
 
 def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str, dict[str, str]]:

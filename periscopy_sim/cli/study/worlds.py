@@ -12,10 +12,9 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
-from periscopy_sim.cli.light import Light, check_memory
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import FOR_STILLS, RANGES, Model, in_range, settings_for
-from periscopy_sim.cli.output import fixable, output_files, part_of_command, progress
-from periscopy_sim.cli.render import write_transport
+from periscopy_sim.cli.output import fixable, output_files, progress
 from periscopy_sim.cli.session import WallSession
 from periscopy_sim.cli.study.forecast import Parts, SweepForecast
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
@@ -34,8 +33,6 @@ from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from periscopy_sim.calibration.scene_covariance import SceneCovariance
     from periscopy_sim.evaluation.calibrating import Calibrator
     from periscopy_sim.reconstruction.method import Method
@@ -67,7 +64,7 @@ class Worlds:
     """
 
     session: WallSession  # the scene, where no axis changes it
-    light: Light  # modelled, where no axis changes it
+    light: LightOptions  # modelled, where no axis changes it
     out: Path
     shown: Mapping[str, Mapping[str, str]]  # hidden images: each surface's picture, by id
     photographs: Mapping[str, Photograph]  # those given, by the same names; others are path traced
@@ -82,7 +79,6 @@ class Worlds:
     keep: Callable[[], None] = lambda: None  # called when a world's parts are in its folder
     _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
     _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
-    _plans: "dict[Any, dict[str, TransportPlan]]" = field(default_factory=dict, init=False)
     forecast: SweepForecast = field(default_factory=SweepForecast, init=False)
 
     @property
@@ -123,7 +119,7 @@ class Worlds:
         world = partial(
             ps.World,
             signals=signals,
-            truths={name: true.hidden_image(names) for name, names in self.shown.items()},
+            truths={name: true.scenario.image(names) for name, names in self.shown.items()},
             methods=fitted,
             transport={name: plan.origin for name, plan in plans.items()},
             draw=int(values.get(DRAW, 0)),
@@ -173,9 +169,8 @@ class Worlds:
 
     def parts(self, values: Mapping[str, Any]) -> Parts:
         """Return what the world of values of axes is made of."""
-        light, folder = self._light(values), self._folder(values, ASSUMED)
+        light = self._light(values)
         ways = {name in METHODS and METHODS[name].rays for name in self.methods}
-        matrices = f"A_{light.samples}_rays*.npy" if light.samples else "A*.npy"
         count = 1 if light.samples or light.model else len(ways)
         is_calibrated = values.get(KNOWN) == CALIBRATED
         return Parts(
@@ -184,7 +179,7 @@ class Worlds:
                 for name in self.shown.keys() - self.photographs.keys()
                 if self._has_noise(file := self._photograph_file(self._folder(values), name))
             },
-            matrices=None if is_calibrated else (folder, matrices, count),
+            matrices=None if is_calibrated else (self._key(values), count),
             place=self._ambient_folder(values),
             lights=partial(self._cached_lights, values),
         )
@@ -194,6 +189,8 @@ class Worlds:
 
         A PeriscopyError names the axis, with the one that was perhaps meant.
         """
+        from periscopy_sim.judgement import check_memory
+
         document = self.session.scenario.document
         paths = [ps.find_scene(str(scene)) for scene in axes.get("scene", ())]
         if len({path.stem for path in paths}) < len(paths):
@@ -301,6 +298,11 @@ class Worlds:
         texts = {n: f"{v:.9g}" if isinstance(v, float) else Path(v).stem for n, v in own.items()}
         return self.out / ",".join(f"{name}={text}" for name, text in texts.items())
 
+    def _key(self, values: Mapping[str, Any]) -> tuple[Any, ...]:
+        """Return what the matrices at values of axes depend on."""
+        light = self._light(values)
+        return self._folder(values, ASSUMED), light.samples, light.model
+
     def _photograph_file(self, folder: Path, name: str) -> Path:
         """Return the file of a hidden image's photograph."""
         return folder / f"photograph_{name}.exr"
@@ -326,7 +328,7 @@ class Worlds:
         if name in self.photographs:
             return self.photographs[name], 0.0
         file = self._photograph_file(folder, name)
-        picture = session.hidden_image(self.shown[name])
+        picture = session.scenario.image(self.shown[name])
         made = {n: session.provenance[n] for n in ("scene_sha256", "parameters", "seed")}
         made |= {"camera": session.sensor, "bounces": self.light.bounces}
         made |= {"image_sha256": image_sha256(picture)}
@@ -349,7 +351,7 @@ class Worlds:
         wall = replace(session.photograph(file), mask=mask, monitor_off=monitor_off)
         return wall, float(held["relative_error"])
 
-    def _light(self, values: Mapping[str, Any]) -> Light:
+    def _light(self, values: Mapping[str, Any]) -> LightOptions:
         """Return the light that is modelled at values of axes."""
         varied = {name: of(values[name]) for name, of in OF_LIGHT.items() if name in values}
         return replace(self.light, **varied)
@@ -362,29 +364,30 @@ class Worlds:
     def _fitted(
         self, session: WallSession, values: Mapping[str, Any], wall: Photograph
     ) -> "tuple[dict[str, Method], dict[str, TransportPlan]]":
-        """Return the methods, each fitted to A as planned for it, and these plans."""
-        from periscopy_sim.evaluation.methods import fit_method
-
-        scenario, light = session.scenario, self._light(values)
-        folder = self._folder(values, ASSUMED)
-        key = folder, light.samples, light.model
-        if key not in self._plans:
-            plan = partial(light.plan, scenario, self.noise, session.seed)
-            self._plans[key] = {name: plan(name) for name in self.methods}
-        plans = self._plans[key]
-        timed, made = self.forecast.timed, partial(self._transport, session, light, folder=folder)
-        matrices = {plan: timed("matrix", made, plan) for plan in {*plans.values()}}
-        B = light.backgrounds(scenario)
-        errors = {} if _is_known(values) else free_parameters(scenario.document)
+        """Return the methods, each fitted to an A as fine as its photographs need, and its plan."""
+        scenario, timed = session.lit(self._light(values)), self.forecast.timed
+        plans = {name: scenario.plan(self.noise, name) for name in self.methods}
+        for plan, name in {plan: name for name, plan in plans.items()}.items():
+            verb = "rendering" if plan.by == "rays" else "computing"
+            with progress(f"{verb} the transport matrix") as report:
+                timed("matrix", scenario.transport, self.noise, name, progress=report)
+        self.forecast.matrices.pop(self._key(values), None)
+        errors: dict[str, float] | None = {} if _is_known(values) else None
         with fixable(f"scene '{scenario.path}'"), progress("fitting the methods"):
-            fitted: dict[str, Method] = {
-                name: fit_method(
-                    name, scenario, matrices[plan], B, wall, _uncertain(name, scenario, errors),
-                    **self._settings(values, name),
-                )
-                for name, plan in plans.items()
-            }  # fmt: skip
-        return fitted, plans
+            fit = partial(self._fit, scenario, values, wall, errors)
+            return {name: fit(name) for name in self.methods}, plans
+
+    def _fit(
+        self,
+        scenario: ps.Scenario,
+        values: Mapping[str, Any],
+        wall: Photograph,
+        errors: "Mapping[str, float] | SceneCovariance | None",
+        name: str,
+    ) -> "Method":
+        """Fit a method to a scene, of which some errors are known."""
+        own = self._settings(values, name)
+        return scenario.method(name, wall, noise=self.noise, errors=errors, **own)
 
     def _calibrated(
         self, true: WallSession, ruler: WallSession, values: Mapping[str, Any], wall: Photograph
@@ -401,25 +404,13 @@ class Worlds:
             truth = dict(zip(names, numbers, strict=True))
             self._calibrators[key] = Calibrator(ruler.scenario, truth, wall)
         calibrator = self._calibrators[key]
-        rest = self._light(values), self.noise, true.seed, wall
-        return {
-            name: Calibrated(calibrator, partial(_fit, name, self._settings(values, name), *rest))
-            for name in self.methods
-        }
+        light = self._light(values)
 
-    def _transport(
-        self, session: WallSession, light: Light, plan: "TransportPlan", folder: Path
-    ) -> "NDArray[np.float32]":
-        """Return A as planned: of the folder's file, which is made anew if its plan was another."""
-        from periscopy_sim.storage.transport_matrix import read_record
+        def fit(name: str, scenario: ps.Scenario, errors: "SceneCovariance") -> "Method":
+            lit = replace(scenario, light=light.of(scenario))
+            return self._fit(lit, values, wall, errors, name)
 
-        rays = "" if plan.samples is None else f"_{plan.samples}_rays"
-        rays += f"_{plan.across}_across" if rays and plan.across > 1 else ""
-        file = folder / f"A{rays}.npy"
-        if not (file.is_file() and plan.origin.items() <= read_record(file).items()):
-            with part_of_command():
-                write_transport(session, light, plan, file)
-        return session.transport(light, matrix=file)
+        return {name: Calibrated(calibrator, partial(fit, name)) for name in self.methods}
 
 
 def _seed_of(session: WallSession, name: str) -> int:
@@ -432,38 +423,6 @@ def _seed_of(session: WallSession, name: str) -> int:
 def _is_known(values: Mapping[str, Any]) -> bool:
     """Return whether methods know the true scene, at values of axes."""
     return bool(values.get(KNOWN, TRUE) == TRUE)
-
-
-def _fit(
-    name: str,
-    settings: Mapping[str, float],
-    light: Light,
-    noise: float,
-    seed: int,
-    wall: Photograph,
-    scenario: ps.Scenario,
-    errors: "SceneCovariance",
-) -> "Method":
-    """Fit a method to a scene, and to what a calibration knows of its errors."""
-    from periscopy_sim.evaluation.methods import fit_method
-    from periscopy_sim.rendering.transport.bounced import channels_mean
-
-    A = channels_mean(light.transport(scenario, light.plan(scenario, noise, seed, name), seed))
-    uncertain = _uncertain(name, scenario, errors)
-    return fit_method(
-        name, scenario, np.asarray(A), light.backgrounds(scenario), wall, uncertain, **settings
-    )
-
-
-def _uncertain(
-    name: str, scenario: ps.Scenario, errors: "Mapping[str, float] | SceneCovariance"
-) -> "ps.UncertainTransport | None":
-    """Return what errors of a scene do to light, for a method that counts them by default."""
-    from periscopy_sim.analytic.area_transport import has_areas
-
-    if not (errors and name in METHODS and METHODS[name].uncertain and has_areas(scenario)):
-        return None
-    return ps.uncertain_transport(scenario, errors)
 
 
 def _check_value(axis: str, value: Any, option: tuple[str, str] | None, unit: str) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError, checked_matrix
@@ -27,7 +28,6 @@ from periscopy_sim.rendering.scene.wall import camera_of, shape_of
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
-from periscopy_sim.scenario import Scenario
 
 DIRECT = 1
 """Reflections of light that goes from the monitor to the wall and to the camera."""
@@ -90,7 +90,7 @@ class BouncedTransport:
     """The light transport matrix per channel, where surroundings reflect the monitor's light.
 
     `A @ f` is the photograph, (M, 3), of a hidden image, (N, 3), each channel by its own matrix,
-    before `Scenario.channel_gain`. As an array, `np.asarray(A)`, it is the channels' mean, (M, N),
+    before `Geometry.channel_gain`. As an array, `np.asarray(A)`, it is the channels' mean, (M, N),
     by which methods work: what channels differ by is smooth over the wall, as ambient light is. So
     NumPy's functions, `np.dot` for one, take the mean too; its operators take none.
 
@@ -148,7 +148,7 @@ def bounces_of_words(text: str) -> int | None:
 
 
 def render_bounced_light(
-    scenario: Scenario,
+    scenario: Geometry,
     *,
     bounces: int | None = None,
     target: float = 2e-4,
@@ -220,7 +220,7 @@ def render_bounced_light(
 
 
 def add_bounces(
-    scenario: Scenario,
+    scenario: Geometry,
     A: NDArray[np.float32],
     bounces: int | None = None,
     *,
@@ -245,7 +245,7 @@ def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:
 
 
 def make_tracer(
-    scenario: Scenario,
+    scenario: Geometry,
     sites: NDArray[np.intp],
     bounces: int | None,
     shown: Any = None,

@@ -20,6 +20,7 @@ from periscopy_sim.analytic.area_transport import (
     ways_to,
 )
 from periscopy_sim.errors import ClosedFormError, SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
@@ -30,7 +31,6 @@ from periscopy_sim.rendering.transport.shadow_rays import (
     render_transport,
     require_light,
 )
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.view import View
 
 By = Literal["areas", "rays"]
@@ -65,27 +65,28 @@ FINEST = 4
 class TransportPlan:
     """How a scene's A is made, and how large its own error is."""
 
-    error: float  # standard deviation of a white image's light in A, over its mean
+    error: float  # standard deviation of a white image's light in A, over its mean; NaN: unknown
     samples: int | None = None  # rays from each wall point to each patch; None for A by areas
     across: int = 1  # wall points along each side of a pixel, that A is averaged over
+    is_given: bool = False  # whether A is a user's own
 
     @property
-    def by(self) -> By:
-        """The way to A."""
-        return "areas" if self.samples is None else "rays"
+    def by(self) -> str:
+        """The way to A: ``areas``, ``rays``, or ``file`` of a user's own."""
+        return "file" if self.is_given else "areas" if self.samples is None else "rays"
 
     @property
     def origin(self) -> dict[str, Any]:
         """The entries of a record on how A was made."""
         return {
-            "model": "analytic" if self.by == "areas" else "rendered",
+            "model": {"areas": "analytic", "rays": "rendered"}.get(self.by, self.by),
             "samples": self.samples,
             "pixel_samples": self.across**2,
-            "transport_error": self.error,
+            "transport_error": None if np.isnan(self.error) else self.error,
         }
 
     def transport(
-        self, scenario: Scenario, made: NDArray[np.float32] | None = None, **of_rays: Any
+        self, scenario: Geometry, made: NDArray[np.float32] | None = None, **of_rays: Any
     ) -> NDArray[np.float32]:
         """Compute A of direct light, (M, N), unless `planned` has made it.
 
@@ -101,7 +102,7 @@ class TransportPlan:
 
 
 def plan_transport(
-    scenario: Scenario,
+    scenario: Geometry,
     noise: float = NOISE,
     *,
     by: By | None = None,
@@ -114,7 +115,7 @@ def plan_transport(
     A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
     a third of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
     plan's error exceeds the noise where these are too few. `samples` asks for so many rays from the
-    centre of each pixel to each patch.
+    centre of each pixel to each patch. An infinite noise takes the quickest way, of unknown error.
     Errors and other parameters are those of `transport`; the seed is of the rays that measure the
     error.
     """
@@ -122,7 +123,7 @@ def plan_transport(
 
 
 def planned(
-    scenario: Scenario,
+    scenario: Geometry,
     noise: float = NOISE,
     *,
     by: By | None = None,
@@ -136,6 +137,9 @@ def planned(
     noise = max(noise, PRECISION)
     if by == "areas":
         ways_to(scenario)
+    if noise == np.inf:
+        is_closed = by == "areas" or (by is None and samples is None and has_areas(scenario))
+        return TransportPlan(np.nan, None if is_closed else samples or FEWEST), None
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
         try:
@@ -157,7 +161,7 @@ def planned(
 
 
 def _plan_areas(
-    scenario: Scenario, across: int, noise: float
+    scenario: Geometry, across: int, noise: float
 ) -> tuple[TransportPlan, NDArray[np.float32] | None]:
     """Return the fewest wall points in a pixel by which A by areas errs little.
 
@@ -169,7 +173,7 @@ def _plan_areas(
         """Return a white image's light in the drawn rows."""
         view = scenario.averaged(across).view
         used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
-        some = Scenario(view.of_pixels(used.reshape(view.shape)), hidden)
+        some = Geometry(view.of_pixels(used.reshape(view.shape)), hidden)
         return np.asarray(area_transport(some).sum(axis=1, dtype=np.float64))
 
     shapes = scenario.hidden.shapes
@@ -178,7 +182,7 @@ def _plan_areas(
     # Where white light bends, large patches show as well as small ones.
     rough = Hidden.of_scene(scenario.scene, few) if is_curved else scenario.hidden
     first, most = across, FINEST * across
-    A = area_transport(Scenario(scenario.averaged(across).view, rough))
+    A = area_transport(Geometry(scenario.averaged(across).view, rough))
     light = A.sum(axis=1, dtype=np.float64)
     mean = float(light.mean()) or 1.0
     bends = _bends(light / scenario.view.paint[:, 0], scenario.view)
@@ -231,7 +235,7 @@ def _bends(light: Array, view: View) -> Array:
     return np.asarray((down[:, 1:-1] + along[1:-1]).ravel())
 
 
-def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: int = 0) -> float:
+def transport_error(scenario: Geometry, samples: int, across: int = 1, *, seed: int = 0) -> float:
     """Measure the error of an A by rays: the root mean square over a white image's mean light.
 
     Rows of `PIXELS` pixels are compared with others by independent rays, averaged over the pixels'
@@ -251,7 +255,7 @@ def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: 
 
 
 def transport(
-    seen: Scenario | View,
+    seen: Geometry | View,
     hidden: Hidden | None = None,
     *,
     by: By | None = None,
@@ -293,11 +297,11 @@ def transport(
     VariantError
         If rays are needed in a scalar variant.
     """
-    if isinstance(seen, Scenario) == (hidden is not None):
+    if isinstance(seen, Geometry) == (hidden is not None):
         raise TypeError("give a scenario, or a view and the hidden surfaces beside it")
     if isinstance(seen, View):
         assert hidden is not None
-        seen = Scenario(seen, hidden)
+        seen = Geometry(seen, hidden)
     plan, A = planned(seen, noise, by=by, seed=seed)
     if plan.error > noise:
         remedy = "the camera or the hidden image fewer pixels"

@@ -15,32 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from periscopy_sim import own_code
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.evaluation import own_code
-from periscopy_sim.evaluation.own_code import OwnCode
 from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
-from periscopy_sim.numerics import Image, Mask
+from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.machine import one_thread
 from periscopy_sim.numerics.validation import InputError, plain_array
+from periscopy_sim.own_code import OwnCode
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import (
-    DEFAULT,
     METHODS,
-    RAYS,
     MethodEntry,
     libraries_of,
 )
-from periscopy_sim.rendering.transport.plan import NOISE, By, TransportPlan, plan_transport
-from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
-from periscopy_sim.scenario import Scenario
-
-LEAST_LIGHT = 0.25
-"""Mean of P A f of a white f, by other rays, below which it is A's grain that has rank. By 16 rays
-it is 0.7 to 1 on chair, plate, plant and corner, 0.04 to 0.19 on the doorway."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +104,7 @@ def source_sha256(name: str) -> str | None:
 
 def fit_method(
     name: str,
-    scenario: Scenario,
+    scenario: Any,
     A: Image,
     B: Image,
     photograph: Photograph | Image | None = None,
@@ -130,46 +121,6 @@ def fit_method(
     entry = find_method(name)
     with threadpool_limits(1):
         return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)
-
-
-def plan_for(
-    name: str,
-    scenario: Scenario,
-    noise: float | None,
-    *,
-    by: By | None = None,
-    samples: int | None = None,
-    seed: int = 0,
-) -> TransportPlan:
-    """Choose how A is made for a method and photographs of some noise; see `plan_transport`.
-
-    A method whose entry asks for rays gets `RAYS`, unless `by` names a way; a noise of None is
-    unknown.
-    """
-    wants_rays = name in METHODS and METHODS[name].rays and by is None
-    samples = samples or (RAYS if wants_rays else None)
-    noise = NOISE if noise is None else noise
-    return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
-
-
-def check_rank(
-    fitted: StillMethod[Any], scenario: Scenario, samples: int | None, mask: Mask, seed: int
-) -> None:
-    """Reject P of an A of some rays whose rank is but that of their grain: other rays prove it.
-
-    A PeriscopyError says so; `samples` of None are of an A by areas, which has no grain.
-    """
-    P = getattr(fitted, "preconditioner", None)
-    if samples is None or P is None:
-        return
-    others = RenderedTransport(scenario, samples, seed=seed + 1)
-    kept = float(P.apply(others.white(np.flatnonzero(mask))).mean())
-    if kept < LEAST_LIGHT:
-        raise PeriscopyError(
-            f"scene '{scenario.path}': A has almost no rank beside the grain of {samples} rays, in "
-            f"which P loses {100 * min(1 - kept, 1):.0f} % of a white image; use the method "
-            f"{DEFAULT}, or more rays"
-        )
 
 
 def without_addresses(message: str) -> str:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import (
+from periscopy_sim.hidden import Hidden
+from periscopy_sim.methods import (
     METHODS,
     find_method,
     fit_method,
     images_by,
     source_sha256,
 )
-from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import ColourMatrix, Photograph
 
