@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.light import Light, check_memory
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import Model
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation import methods
@@ -24,12 +24,12 @@ TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 @pytest.mark.parametrize(
     ("light", "method", "by", "samples"),
     [
-        (Light(), "noise-aware", "areas", None),
-        (Light(), "mine.py:Mine", "areas", None),
-        (Light(), "preconditioned", "rays", 16),
-        (Light(model=Model.analytic), "preconditioned", "areas", None),
-        (Light(samples=4), "noise-aware", "rays", 4),
-        (Light(model=Model.rendered), "noise-aware", "rays", 32),
+        (LightOptions(), "noise-aware", "areas", None),
+        (LightOptions(), "mine.py:Mine", "areas", None),
+        (LightOptions(), "preconditioned", "rays", 16),
+        (LightOptions(model=Model.analytic), "preconditioned", "areas", None),
+        (LightOptions(samples=4), "noise-aware", "rays", 4),
+        (LightOptions(model=Model.rendered), "noise-aware", "rays", 32),
     ],
 )
 def test_transport_has_its_closed_form_unless_rays_are_asked_for(
@@ -43,7 +43,7 @@ def test_noise_of_exactly_none_is_not_unknown_noise(scenario, monkeypatch):
     asked = []
     monkeypatch.setattr(methods, "plan_transport", lambda _, noise, **__: asked.append(noise))
     for noise in (0.0, None):
-        Light().plan(scenario, noise)
+        LightOptions().plan(scenario, noise)
     assert asked == [0.0, planning.NOISE]
 
 
@@ -120,10 +120,14 @@ def test_matrix_with_bounces_is_written_and_read(succeeds, tmp_path):
 
 
 def test_bounces_are_direct_all_or_a_number():
-    assert [Light(bounces=text).most_bounces for text in ("direct", "all", "3")] == [1, None, 3]
+    assert [LightOptions(bounces=text).most_bounces for text in ("direct", "all", "3")] == [
+        1,
+        None,
+        3,
+    ]
     for text in ("0", "-1", "2.5", "none", "", "1e3", "9" * 5000):
         with pytest.raises(PeriscopyError, match="--bounces"):
-            Light(bounces=text)
+            LightOptions(bounces=text)
 
 
 @pytest.fixture
@@ -159,19 +163,19 @@ def test_light_of_a_lamp_is_taken_for_ambient(
 
 @pytest.mark.usefixtures("few_lights")
 def test_columns_of_several_sources_are_joined(column, scenario, tmp_path):
-    B = Light(light_model=[str(tmp_path / "B.npy"), "grid"]).backgrounds(scenario)
+    B = LightOptions(light_model=[str(tmp_path / "B.npy"), "grid"]).backgrounds(scenario)
     np.testing.assert_array_equal(B[:, 0], column)
     np.testing.assert_array_equal(B[:, 1:], ps.point_light_backgrounds(scenario))
-    assert Light().sources == ["grid"]
+    assert LightOptions().sources == ["grid"]
 
 
 @pytest.mark.parametrize("source", ["B.npy", "chair"])
 def test_source_that_cannot_be_taken_is_refused(source, scenario):
     with pytest.raises(PeriscopyError, match=source):
-        Light(light_model=[source]).backgrounds(scenario)
+        LightOptions(light_model=[source]).backgrounds(scenario)
 
 
 def test_method_without_a_light_model_is_refused():
-    Light().check_methods("pseudoinverse")
+    LightOptions().check_methods("pseudoinverse")
     with pytest.raises(PeriscopyError, match="pseudoinverse"):
-        Light(light_model=["grid"]).check_methods("noise-aware", "pseudoinverse")
+        LightOptions(light_model=["grid"]).check_methods("noise-aware", "pseudoinverse")

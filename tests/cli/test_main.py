@@ -8,7 +8,6 @@ import pytest
 import typer
 
 from periscopy_sim import cli
-from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.session import Session
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")

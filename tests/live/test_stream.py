@@ -21,7 +21,7 @@ from periscopy_sim.live.stream import Stream
 from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.photographs import prepare
 from periscopy_sim.photographs.marks import WallTags
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 
 pytest.importorskip("websockets")
 PATIENCE = 240.0

@@ -7,7 +7,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
 from periscopy_sim.model.residual import HELPS, Residual
@@ -86,7 +86,7 @@ def test_surface_whose_light_is_below_the_noise_is_warned_of(tmp_path, capfd):
     A = ps.transport(session.scenario)
     A[:, session.scenario.hidden.slices["hidden_card"]] *= 1e-3
     np.save(tmp_path / "A.npy", A)
-    session.transport(Light(), 1e-2, matrix=tmp_path / "A.npy")
+    session.transport(LightOptions(), 1e-2, matrix=tmp_path / "A.npy")
     assert "hardly shows hidden_card: " in capfd.readouterr().err
     assert "hardly shows monitor" not in " ".join(session.warnings)
 

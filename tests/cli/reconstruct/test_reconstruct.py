@@ -8,7 +8,6 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli.light import Light
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 

@@ -15,7 +15,6 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters
-from periscopy_sim.cli.light import Light
 from periscopy_sim.evaluation import calibrating
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.formats.exr import read_exr, write_exr

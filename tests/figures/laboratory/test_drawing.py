@@ -8,7 +8,7 @@ from scipy.interpolate import RegularGridInterpolator
 from periscopy_sim.figures.laboratory.geometry import RoomPlan, facts, turn_and_tilt
 from periscopy_sim.figures.laboratory.projections import LINES, VIEWED, laboratory_figure
 from periscopy_sim.figures.style import NO_BREAK, PAGE
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import find_scene
 
 TITLES = ("the wall as the camera faces it", "from the side", "plan")
