@@ -291,7 +291,7 @@ def _show_in_space(ax: Any, scenario: Scenario) -> None:
     ax.set_title("in space")
 
 
-def laboratory_figure(scenario: Scenario) -> "Figure":
+def draw(scenario: Scenario) -> "Figure":
     """Draw a scenario's laboratory to scale.
 
     Three views at one scale, after the third-angle projection: the front, the side view beside it,
