@@ -329,13 +329,12 @@ class Scenario(Geometry):
             If it cannot be fitted.
         """
         from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
-        from periscopy_sim.model.noise import relative_noise
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
         if photograph is not None and not isinstance(photograph, Photograph):
             photograph = Photograph.of(photograph, self.photograph_shape)
         if noise is None and photograph is not None:
-            noise = relative_noise(photograph)
+            noise = self.noise(photograph)
         plan, conditions = self.plan(noise, name), photograph and photograph.conditions
         A, B = np.asarray(channels_mean(self.transport(noise, name))), self.B
 
@@ -356,6 +355,16 @@ class Scenario(Geometry):
         )
         entry = entry_of(name) or METHODS[DEFAULT]
         return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
+
+    @staticmethod
+    def noise(photograph: Photograph) -> float | None:
+        """Return the noise of a photograph over its mean, as its pixels show; None if they do not.
+
+        It is that of the channel with the least.
+        """
+        from periscopy_sim.model.noise import relative_noise
+
+        return relative_noise(photograph)
 
     def uncertainty(
         self,
