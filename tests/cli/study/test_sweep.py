@@ -378,7 +378,7 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 ):
     succeeds(*command(methods="mine.py:Mine"))
     np.save(folder / "other.npy", np.load(folder / "y.npy") + 1)
-    monkeypatch.setattr(Light, "transport", None)
+    monkeypatch.setattr(ps.Scenario, "transport", None)
     for change, key in [
         (("--seed", "1"), "base_seed"),
         (("--photograph", "other.npy"), "photograph"),
