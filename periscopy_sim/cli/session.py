@@ -19,6 +19,7 @@ from periscopy_sim.cli.light import LightOptions, MonitorLight
 from periscopy_sim.cli.messages import colour, note_sentence, sentence
 from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
 from periscopy_sim.extras import require_all
+from periscopy_sim.memo import Memo
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
 from periscopy_sim.reconstruction.registry import DEFAULT
@@ -44,7 +45,8 @@ class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
 
     `seconds` holds those that each stage took, `warnings` the lines that a summary repeats,
-    `settings` its entries about the method and the light, `record` those about what was read.
+    `settings` its entries about the method and the light, `record` those about what was read,
+    `memo` what the scenario made.
     """
 
     pixels: ClassVar[tuple[int, int] | None] = None  # those of the scene's film
@@ -58,6 +60,7 @@ class Session(options.OptionGroup):
     def __post_init__(self) -> None:
         self.sizes, self.path = options.parse_sizes(self.hidden), ps.find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
+        self.memo = Memo()
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
         self.settings: dict[str, Any] = {}
@@ -89,7 +92,7 @@ class Session(options.OptionGroup):
             if 2 * abs(np.log(other)) < abs(np.log(given)):
                 swapped = {"given": f"{rows}x{columns}", "other": f"{columns}x{rows}"}
                 self.warn(sentence("swapped", name=name, ratio=given, **swapped))
-        return scenario
+        return replace(scenario, memo=self.memo)
 
     @property
     def sensor(self) -> str:
@@ -137,13 +140,15 @@ class Session(options.OptionGroup):
     def check_scene(self, method: str = "", *libraries: str) -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         require_all(*libraries)
+        scenario = self.scenario  # loading it is a stage of its own
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warn_of(self.scenario.check(method))
+            self.warn_of(scenario.check(method))
 
     def check_shadows(self) -> None:
         """Warn where no occluder casts a shadow into the camera's view."""
+        scenario = self.scenario
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warn_of(self.scenario.check(), but=("other_lights", "glossy"))
+            self.warn_of(scenario.check(), but=("other_lights", "glossy"))
 
     def warn_of(self, notes: "Iterable[Note]", but: Collection[str] = ()) -> None:
         """Print notes, one line each, but for those of some codes."""
@@ -315,7 +320,7 @@ class PhotoSession(WallSession):
         }
         for view in views.values():
             view.seconds, view.warnings = self.seconds, self.warnings
-            view.settings = self.settings
+            view.settings, view.memo = self.settings, self.memo
         return views
 
     def judge(self, name: str, report: "Report") -> tuple[str, str]:

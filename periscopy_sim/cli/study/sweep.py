@@ -38,7 +38,7 @@ from periscopy_sim.storage.outputs.staging import staged_file
 if TYPE_CHECKING:
     import xarray as xr
 
-RENDERED = ("**/A*.npy", "**/photograph*.exr", "**/ambient")
+RENDERED = ("**/photograph*.exr", "**/ambient")
 _VARY = (
     "An axis: sbr, snr, a <default> of the scene (assumed.NAME: of the methods' alone), assumed, "
     "ruler, hidden, samples, model, scene, METHOD.OPTION. Values as 1,2,5, 0:1:5, 1:9:log:3."

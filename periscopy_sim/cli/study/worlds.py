@@ -19,6 +19,7 @@ from periscopy_sim.cli.session import WallSession
 from periscopy_sim.cli.study.forecast import Parts, SweepForecast
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
 from periscopy_sim.evaluation.workers import thread_count
+from periscopy_sim.memo import Memo
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import number_of, size_of
 from periscopy_sim.photograph import Photograph, seen_in
@@ -128,7 +129,7 @@ class Worlds:
         if plans and not self.forecast.is_shown:
             light = np.ones_like(wall.values)
             self.forecast.measure(
-                fit, lambda names: world(backgrounds=dict.fromkeys(names, light)),
+                partial(fit, Memo()), lambda names: world(backgrounds=dict.fromkeys(names, light)),
                 self._cached_lights(values), lambda name: self._traced(values, [name]),
                 thread_count(self.scheduler),
             )  # fmt: skip
@@ -282,7 +283,7 @@ class Worlds:
             define = [f"{name}={text}" for name, text in texts.items()]
             hidden = [whole["hidden"]] if "hidden" in whole else base.hidden
             made = replace(base, scene=whole.get("scene", base.scene), hidden=hidden, define=define)
-            made.warnings, made.seconds = base.warnings, base.seconds
+            made.warnings, made.seconds, made.memo = base.warnings, base.seconds, base.memo
             while len(self._sessions) >= KEPT:
                 del self._sessions[next(iter(self._sessions))]
             self._sessions[key] = made
@@ -362,10 +363,15 @@ class Worlds:
         return {n.removeprefix(own): value for n, value in values.items() if n.startswith(own)}
 
     def _fitted(
-        self, session: WallSession, values: Mapping[str, Any], wall: Photograph
+        self,
+        session: WallSession,
+        values: Mapping[str, Any],
+        wall: Photograph,
+        memo: Memo | None = None,
     ) -> "tuple[dict[str, Method], dict[str, TransportPlan]]":
         """Return the methods, each fitted to an A as fine as its photographs need, and its plan."""
-        scenario, timed = session.lit(self._light(values)), self.forecast.timed
+        lit, timed = session.lit(self._light(values)), self.forecast.timed
+        scenario = replace(lit, memo=memo or lit.memo)
         plans = {name: scenario.plan(self.noise, name) for name in self.methods}
         for plan, name in {plan: name for name, plan in plans.items()}.items():
             verb = "rendering" if plan.by == "rays" else "computing"
