@@ -59,10 +59,11 @@ def command(*more, **changes):
     """Give the arguments of a small sweep, some of its options changed."""
     options = {
         "photograph": "y.npy", "truth": "truth.npy", "ambient": "left.exr,lamp.exr",
-        "sbr": "0.5,5", "methods": "preconditioned,truncated-svd", "out": "out", **changes,
+        "sbr": "0.5,5", "methods": "preconditioned,truncated-svd", "samples": "16", "out": "out",
+        **changes,
     }  # fmt: skip
     listed = [str(part) for name, value in options.items() for part in (f"--{name}", value)]
-    scene = ("plate", "-D", "resolution=21", "--hidden", "4x5", "--samples", "4")
+    scene = ("plate", "-D", "resolution=21", "--hidden", "4x5")
     return ("sweep", *scene, *listed, *more)
 
 
@@ -75,7 +76,7 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
         ".lock", "settings.json", "sweep.zarr", "sweep.csv", "sweep.png",
     }  # fmt: skip
     scenario = ps.load_scenario(ps.find_scene("plate"), (4, 5), {"resolution": "21"})
-    A = ps.render_transport(scenario, samples=4, seed=3)
+    A = ps.render_transport(scenario, samples=16, seed=3)
     method = ps.TruncatedSVD(A, hidden=(4, 5), channel_gain=scenario.channel_gain)
     y, truth = np.load("y.npy"), np.load("truth.npy")
     light = ps.read_photograph("lamp.exr", (21, 21)).values
@@ -98,11 +99,11 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
         "KeyError: 'lost'"
     }
     made = {(row["model"], row["samples"], float(row["transport_error"]) > 1e-4) for row in rows}
-    assert made == {("rendered", "4", True)}
+    assert made == {("rendered", "16", True)}
     assert "mine.py:Failing failed on 32 of 32" in shown
     settings = json.loads((out / "settings.json").read_text())
     assert record["settings"] == settings
-    assert settings["parameters"] == {"resolution": "21"} and settings["samples"] == 4
+    assert settings["parameters"] == {"resolution": "21"} and settings["samples"] == 16
     assert {"periscopy-sim", "mitsuba", "numpy", "variant", "scene_sha256"} <= set(settings)
     assert not {"command", "scene"} & set(settings)
 
@@ -200,7 +201,7 @@ def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(su
 @pytest.mark.usefixtures("jit", "drawings")
 def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, refused, folder):
     study = {
-        "scene": "plate", "define": {"resolution": 21}, "hidden": "4x5", "samples": 4,
+        "scene": "plate", "define": {"resolution": 21}, "hidden": "4x5", "samples": 16,
         "photograph": "y.npy", "truth": ["truth.npy"], "ambient": ["left.exr", "lamp.exr"],
         "flips": False, "sbr": "0.5:5:log:2", "methods": ["truncated-svd"], "out": "file",
         "vary": {"truncated-svd.tv_weight": "1:9:2", "snr": 50}, "seeds": 2,
@@ -289,11 +290,11 @@ def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
 @pytest.mark.usefixtures("jit", "drawings")
 def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
     assert "\nto make: 2 matrices\n" in succeeds(
-        *(each for each in command() if each not in ("--samples", "4"))
+        *(each for each in command() if each not in ("--samples", "16"))
     )
     with Path("out/sweep.csv").open(newline="") as stream:
         made = {(row["algorithm"], row["model"], row["samples"]) for row in csv.DictReader(stream)}
-    assert made == {("preconditioned", "rendered", "16"), ("truncated-svd", "analytic", "")}
+    assert made == {("preconditioned", "rendered", "16"), ("truncated-svd", "analytic", "nan")}
 
 
 @pytest.mark.parametrize(
@@ -403,6 +404,8 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(periscopy, succeeds):
     outcome = periscopy(*command(methods="mine.py:Unfit"))
     assert outcome.code == 2 and "'mine.py:Unfit'" in outcome.err
+    outcome = periscopy(*command(methods="preconditioned", samples="4"))
+    assert outcome.code == 2 and "rank" in outcome.err
     succeeds(*command(methods="mine.py:Mine", sbr="2", snr=50, ambient="lamp.exr"))
 
 
