@@ -23,6 +23,7 @@ from .evaluation.metrics import (
     psnr_gain_matched,
     registered,
 )
+from .evaluation.study import sweep
 from .evaluation.sweep import Sweep, run_sweep
 from .evaluation.world import World, flips
 from .figures.display import save_png, show, to_srgb
@@ -155,6 +156,7 @@ __all__ = [
     "run_sweep",
     "save_png",
     "show",
+    "sweep",
     "to_srgb",
     "transport",
     "transport_operator",

@@ -11,7 +11,7 @@ from periscopy_sim.calibration.prior import distant_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.geometry import Geometry
-from periscopy_sim.methods import check_able
+from periscopy_sim.methods import Name, check_able, entry_of, label_of
 from periscopy_sim.model import spectral_basis
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.model.noise import relative_noise
@@ -27,7 +27,7 @@ DIFFUSE = "diffuse", "null"
 """Materials whose reflected light, if any, is the same in all directions."""
 
 
-def check(scenario: Geometry, method: str | None = None) -> list[Note]:
+def check(scenario: Geometry, method: Name | None = None) -> list[Note]:
     """Return notes on what a scene and its A lack; see `Scenario.check`."""
     notes, of = list[Note](), {"scene": scenario.path.name}
     if method is not None:
@@ -45,13 +45,13 @@ def check(scenario: Geometry, method: str | None = None) -> list[Note]:
     return notes
 
 
-def check_memory(scenario: Geometry, method: str = "", *views: Geometry) -> list[Note]:
+def check_memory(scenario: Geometry, method: Name = "", *views: Geometry) -> list[Note]:
     """Reject what needs more memory than there is; note what a fine grid of patches needs.
 
     `views` are other views of the scene, which the method is fitted to, too.
     """
     pixels, patches = scenario.transport_shape
-    entry = METHODS.get(method, METHODS[DEFAULT])
+    entry = entry_of(method) or METHODS[DEFAULT]
     rows = pixels + sum(each.transport_shape[0] for each in views)
     fitted = 2 * rows if views else rows
     own, seconds = 0.0, 0.0
@@ -68,7 +68,7 @@ def check_memory(scenario: Geometry, method: str = "", *views: Geometry) -> list
     if not own or patches <= spectral_basis.MOST_PATTERNS:
         return []
     values = {"patches": patches, "memory": needed / 1e9, "seconds": seconds}
-    return [Note("fine_grid", {"method": method, **values})]
+    return [Note("fine_grid", {"method": label_of(method), **values})]
 
 
 def check_error(

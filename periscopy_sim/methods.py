@@ -5,9 +5,10 @@ import inspect
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from time import thread_time
 from typing import Any, NamedTuple
 
@@ -33,12 +34,15 @@ from periscopy_sim.reconstruction.registry import (
     libraries_of,
 )
 
+Name = str | Callable[..., Any]
+"""A method's name, see `find_method`, or a user's own factory."""
+
 
 @dataclass(frozen=True)
 class OwnEntry:
     """A user's own method, as `MethodEntry` is one of the package."""
 
-    name: str
+    name: Name
     factory: Callable[..., Method]  # (scenario, A, B), and a keyword ``mask`` if it takes one
     takes_mask: bool
 
@@ -53,57 +57,75 @@ class OwnEntry:
         return OwnMethod.for_scene(scene, A, B, scenario=scene, entry=self)
 
 
-def find_method(name: str) -> MethodEntry | OwnEntry:
+def find_method(name: Name) -> MethodEntry | OwnEntry:
     """Return a method, one of `METHODS` or a user's own: of (scenario, A, B), a `StillMethod`.
 
-    A user's own is ``module:callable`` or ``path/to/file.py:callable``, where the callable (a
+    A user's own is a callable, ``module:callable`` or ``path/to/file.py:callable``, where it (a
     class, say) takes (scenario, A, B), and the keyword ``mask`` if it likes, and returns an object
     with ``reconstruct(photograph) -> image``. Modules of the working folder are found too. A
     PeriscopyError says that there is no such method, module, file or callable.
     """
-    if name in METHODS:
+    if isinstance(name, str) and name in METHODS:
         return METHODS[name]
-    own = OwnCode("method", name)
-    if not own.is_complete:
+    if isinstance(name, str) and not OwnCode("method", name).is_complete:
         guess = did_you_mean(name, METHODS)
         raise PeriscopyError(
             f"no method '{name}'; {f'{guess} ' if guess else ''}use "
             f"{', '.join(METHODS)}, or your own as module:callable or path/to/file.py:callable"
         )
-    factory = own.load()
+    factory = OwnCode("method", name).load() if isinstance(name, str) else name
     try:
         signature = inspect.signature(factory)
         signature.bind(None, None, None)
     except (TypeError, ValueError) as error:
         raise PeriscopyError(
-            f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"
+            f"method '{label_of(name)}' is no callable of three arguments (scenario, A, B): {error}"
         ) from error
     return OwnEntry(name, factory, "mask" in signature.parameters)
 
 
-def check_able(name: str, hidden: Hidden, *libraries: str) -> None:
+def check_able(name: Name, hidden: Hidden, *libraries: str) -> None:
     """Raise a PeriscopyError if a method does not support these surfaces, or a library is missing.
 
     These are the method's, and others.
     """
-    entry = METHODS.get(name)
+    entry = entry_of(name)
     if entry and entry.hidden is not None and [*hidden.shapes.values()] != [entry.hidden]:
         rows, columns = entry.hidden
         raise PeriscopyError(
             f"method '{name}' learned from one hidden surface of {rows}x{columns} patches alone: "
             "take this size, or train a network of your own"
         )
-    require_all(*libraries_of(name), *libraries)
+    require_all(*libraries_of(label_of(name)), *libraries)
 
 
-def source_sha256(name: str) -> str | None:
+def source_sha256(name: Name) -> str | None:
     """Return the digest of the file of a user's own method; None for one of `METHODS`."""
-    file = None if name in METHODS else OwnCode("method", name).file
+    file = _file_of(name)
     return hashlib.sha256(file.read_bytes()).hexdigest() if file else None
 
 
+def label_of(name: Name) -> str:
+    """Return what a method is called."""
+    return name if isinstance(name, str) else getattr(name, "__qualname__", repr(name))
+
+
+def entry_of(name: Name) -> MethodEntry | None:
+    """Return the entry of a method in `METHODS`; None for a user's own."""
+    return METHODS.get(label_of(name))
+
+
+def _file_of(name: Name) -> Path | None:
+    """Return the file of a user's own method; None for one of `METHODS`, or without a file."""
+    if isinstance(name, str):
+        return None if name in METHODS else OwnCode("method", name).file
+    with suppress(TypeError, OSError):
+        return Path(inspect.getfile(name))
+    return None
+
+
 def fit_method(
-    name: str,
+    name: Name,
     scenario: Any,
     A: Image,
     B: Image,
@@ -129,7 +151,7 @@ def without_addresses(message: str) -> str:
 
 
 @contextmanager
-def own_errors(name: str, what: str) -> Iterator[None]:
+def own_errors(name: Name, what: str) -> Iterator[None]:
     """Turn any error of a user's own method into a PeriscopyError that says where it arose.
 
     It names the method and the consequence `what`, such as "cannot be fitted"; see
@@ -138,7 +160,7 @@ def own_errors(name: str, what: str) -> Iterator[None]:
     if name in METHODS:
         yield
     else:
-        with own_code.own_errors(f"method '{name}' {what}", OwnCode("method", name).file):
+        with own_code.own_errors(f"method '{label_of(name)}' {what}", _file_of(name)):
             yield
 
 
@@ -221,16 +243,16 @@ class OwnMethod(StillMethod[np.float64]):
             keywords["mask"] = fit.mask.reshape(fit.shape)
         elif fit.mask is not None:
             warnings.warn(
-                f"method '{name}' takes no keyword mask: it sees the pixels that are left out as "
-                "black",
+                f"method '{label_of(name)}' takes no keyword mask: it sees the pixels that are "
+                "left out as black",
                 stacklevel=2,
             )
         with own_errors(name, "cannot be fitted"):
             method = self._entry.factory(self._scenario, fit.A, fit.whole_background, **keywords)
         if not callable(getattr(method, "reconstruct", None)):
             raise PeriscopyError(
-                f"method '{name}' makes an object of type {type(method).__name__}, which has no "
-                "reconstruct(photograph); add one"
+                f"method '{label_of(name)}' makes an object of type {type(method).__name__}, which "
+                "has no reconstruct(photograph); add one"
             )
         return method
 

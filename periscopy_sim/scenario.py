@@ -23,6 +23,7 @@ from periscopy_sim.scene import CAMERA, Scene
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
     from periscopy_sim.calibration.scene_covariance import SceneCovariance
+    from periscopy_sim.methods import Name
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
     from periscopy_sim.rendering.ambient.background import Background
@@ -125,7 +126,7 @@ class Scenario(Geometry):
             ("B", self._wall_digest, self._light_key), make, 4 * 512 * self.transport_shape[0]
         )
 
-    def plan(self, noise: float | None = None, method: str = DEFAULT) -> "TransportPlan":
+    def plan(self, noise: float | None = None, method: "Name" = DEFAULT) -> "TransportPlan":
         """Return how A is made for photographs of some noise over their mean, and its own error.
 
         A method whose entry asks for rays gets them. A noise of None is that of 60 dB.
@@ -133,14 +134,16 @@ class Scenario(Geometry):
         plan: TransportPlan = self._planned(noise, method)[0]
         return plan
 
-    def _planned(self, noise: float | None, method: str) -> Any:
+    def _planned(self, noise: float | None, method: "Name") -> Any:
+        from periscopy_sim.methods import entry_of
         from periscopy_sim.rendering.transport.plan import NOISE, TransportPlan, planned
 
         light = self.light
         if light.matrix is not None:
             error = light.record.get("transport_error")
             return TransportPlan(np.nan if error is None else error, is_given=True), None
-        wants_rays = method in METHODS and METHODS[method].rays and light.by is None
+        entry = entry_of(method)
+        wants_rays = entry is not None and entry.rays and light.by is None
         samples = light.samples or (RAYS if wants_rays else None)
         noise = NOISE if noise is None else noise
         key = "plan", self._digest, self.seed, noise, light.by, samples
@@ -150,7 +153,7 @@ class Scenario(Geometry):
     def transport(
         self,
         noise: float | None = None,
-        method: str = DEFAULT,
+        method: "Name" = DEFAULT,
         *,
         progress: Progress | None = None,
     ) -> "NDArray[np.float32] | BouncedTransport":
@@ -292,7 +295,7 @@ class Scenario(Geometry):
 
     def method(
         self,
-        name: str = DEFAULT,
+        name: "Name" = DEFAULT,
         photograph: Photograph | Image | None = None,
         *,
         noise: float | None = None,
@@ -304,7 +307,8 @@ class Scenario(Geometry):
         Parameters
         ----------
         name
-            A method of the package, or your own as ``file.py:callable``; see `find_method`.
+            A method of the package, or your own as ``file.py:callable`` or a callable of
+            (scenario, A, B); see `find_method`.
         photograph
             What the method is for: its noise says how fine A has to be, and the method uses its
             mask, its photographs with the monitor off and its colour matrix.
@@ -324,7 +328,7 @@ class Scenario(Geometry):
         ValueError
             If it cannot be fitted.
         """
-        from periscopy_sim.methods import fit_method, source_sha256
+        from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
         from periscopy_sim.model.noise import relative_noise
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
@@ -338,7 +342,7 @@ class Scenario(Geometry):
         def make() -> "StillMethod[Any]":
             uncertain, _ = self.uncertainty(name, errors)
             fitted = fit_method(name, self, A, B, photograph, uncertain, **settings)
-            fitted.name, fitted.plan = name, plan
+            fitted.name, fitted.plan = label_of(name), plan
             pixels = np.ones(self.photograph_shape, bool)
             self._check_rank(
                 fitted, plan.samples, pixels if photograph is None else photograph.pixels
@@ -350,12 +354,12 @@ class Scenario(Geometry):
             *("method", name, source_sha256(name), self._digest, self.seed, plan, conditions),
             *(self._light_key, repr(known), *sorted(settings.items())),
         )
-        entry = METHODS.get(name, METHODS[DEFAULT])
+        entry = entry_of(name) or METHODS[DEFAULT]
         return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
 
     def uncertainty(
         self,
-        method: str = DEFAULT,
+        method: "Name" = DEFAULT,
         errors: "Mapping[str, float] | SceneCovariance | None" = None,
     ) -> "tuple[UncertainTransport | None, list[Note]]":
         """Return what errors of the scene do to light, for methods that count them, and notes.
@@ -365,8 +369,10 @@ class Scenario(Geometry):
         """
         from periscopy_sim.analytic.area_transport import has_areas
         from periscopy_sim.calibration import moving_scene
+        from periscopy_sim.methods import entry_of
 
-        if not (method in METHODS and METHODS[method].uncertain):
+        entry = entry_of(method)
+        if entry is None or not entry.uncertain:
             return None, []
         if errors is None:
             return moving_scene.scene_uncertainty(self)
@@ -405,7 +411,7 @@ class Scenario(Geometry):
 
     # -- judgements --------------------------------------------------------------------------------
 
-    def check(self, method: str | None = None) -> "list[Note]":
+    def check(self, method: "Name | None" = None) -> "list[Note]":
         """Return notes on what the scene and its A lack, before anything is rendered.
 
         The method is the one that A is for; ``""`` stands for A alone, None for no A.
@@ -420,14 +426,16 @@ class Scenario(Geometry):
 
         return judgement.check(self, method)
 
-    def check_light(self, noise: float | None, method: str = DEFAULT) -> "list[Note]":
+    def check_light(self, noise: float | None, method: "Name" = DEFAULT) -> "list[Note]":
         """Return notes on A beside photographs of some noise: its error, surfaces hardly seen."""
         from periscopy_sim import judgement
+        from periscopy_sim.methods import entry_of
         from periscopy_sim.reconstruction.method import Note
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
         light, notes = self.light, []
-        has_grain = method in METHODS and METHODS[method].rays  # a ridge for P
+        entry = entry_of(method)
+        has_grain = entry is not None and entry.rays  # a ridge for P
         if light.matrix is not None or light.samples or light.by or not has_grain:
             notes += judgement.check_error(self, self.plan(noise, method).origin, noise)
         A = channels_mean(self.transport(noise, method))
@@ -442,7 +450,7 @@ class Scenario(Geometry):
         self,
         photograph: Photograph,
         solution: Any,
-        method: "StillMethod[Any] | str" = DEFAULT,
+        method: "StillMethod[Any] | Name" = DEFAULT,
         report: "Report | None" = None,
     ) -> "Report":
         """Return what can be known of a solution, and whether to trust it.
@@ -465,8 +473,11 @@ class Scenario(Geometry):
             lowered the residual of this photograph when tried.
         """
         from periscopy_sim import judgement
+        from periscopy_sim.reconstruction.method import StillMethod
 
-        fitted = self.method(method, photograph) if isinstance(method, str) else method
+        fitted: StillMethod[Any] = (
+            method if isinstance(method, StillMethod) else self.method(method, photograph)
+        )
         report = fitted.report(photograph, solution) if report is None else report
         found = self.hidden.images(solution.image)
         images = {name: np.asarray(image, np.float64) for name, image in found.items()}

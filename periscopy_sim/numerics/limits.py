@@ -4,7 +4,7 @@ import errno
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
@@ -28,6 +28,35 @@ MOST_TEXT = 1 << 24
 SMALLEST, LARGEST = 1e-12, 1e12
 """Magnitudes, but for 0, of numbers in scenes, and of their errors: the squares of what is farther
 from 1 leave single precision with little to spare."""
+
+
+RANGES: Mapping[str, tuple[float, float]] = {
+    "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
+    "decibels": (-100, 300),
+    "ratio": (1e-6, 1e6),
+    "sbr": (1e-6, math.inf),
+    "error": (1e-5, 1),
+    "tolerance": (1e-15, 0.5),
+    "effort": (1e-4, 1),
+    "rate": (0.1, 1000),
+    "level": (-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
+    "side": (1, 10_000),  # of a block of pixels
+    "resolution": (2, 2048),  # as many pixels as a scene may have
+    "grid": (2, 100),
+    "inches": (2, 20),
+    "count": (1, 1000),
+    "samples": (1, 10**8),
+    "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
+    "camera samples": (1, 2**20),
+    "port": (0, 65535),
+    "parameter": (-LARGEST, LARGEST),
+}
+"""Least and greatest of each kind of number that users give."""
+
+
+def in_range(kind: str, *values: float) -> bool:
+    """Return whether numbers of a kind are in its range."""
+    return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
 
 
 def number_of(text: str) -> float:

@@ -1,7 +1,7 @@
 """A Mitsuba scene as a `Scene`, what its camera sees and its hidden surfaces, or what it lacks."""
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,11 @@ RINGS = {"cylinder": (1.0, 1.0), "disk": (0.0, 0.0)}
 
 COARSE = 16, 16
 """Patches of hidden surfaces at whose centres to look for another surface."""
+
+
+SCENES = 64
+"""Scenes at other values that a loaded one keeps: more than a file declares errors, but for the
+shelf's 24 twice."""
 
 
 def load_geometry(
@@ -148,6 +153,7 @@ class SceneLoader:
         self._last_views: dict[tuple[Size | None, int, str], View] = {}
         self._textures: dict[tuple[Size, int, str, bytes], dict[str, Any]] = {}
         self._last_hidden: dict[tuple[tuple[str, Size], ...], tuple[Hidden, Scene]] = {}
+        self._scenes: dict[tuple[Any, ...], Scene] = {}
         self._surfaces: dict[tuple[str, Size], Surface] = {}
         self._wholes: dict[str, Surface] = {}
         self.scene = Scene(
@@ -168,17 +174,38 @@ class SceneLoader:
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is Mitsuba's, which cannot be pickled, and what a copy computes anew."""
         of_mitsuba = {"_built": (None, None), "_layout": None}
-        return self.__dict__ | of_mitsuba | {"_last_views": {}, "_last_hidden": {}, "_textures": {}}
+        computed: dict[str, Any] = {
+            "_last_views": {},
+            "_last_hidden": {},
+            "_textures": {},
+            "_scenes": {},
+        }
+        return self.__dict__ | of_mitsuba | computed
 
     def at(self, scene: Scene, values: Mapping[str, str]) -> Scene:
-        """Return a scene at other values, moved where that suffices, else loaded anew."""
+        """Return a scene at other values, moved where that suffices, else loaded anew.
+
+        The latest `SCENES` are kept: derivatives by a scene's numbers ask for each again and again.
+        """
+        bodies = (*scene.occluders, *scene.walls)
+        movable = tuple(each.name for each in bodies if each.vertices is not None)
+        key = movable, *sorted(values.items())
+        if key in self._scenes:
+            return self._scenes[key]
+        moved = self._at(values, movable)
+        if moved.source is self:  # others hold a Mitsuba scene of their own
+            while len(self._scenes) >= SCENES:
+                del self._scenes[next(iter(self._scenes))]
+            self._scenes[key] = moved
+        return moved
+
+    def _at(self, values: Mapping[str, str], movable: Sequence[str]) -> Scene:
         nodes = SceneNodes(self._path, values)
         layout = nodes.layout()
         if self._layout is None:  # of a pickled copy
             self._layout = SceneNodes(self._path, self.scene.parameters).layout()
-        bodies = (*scene.occluders, *scene.walls)
-        movable = [each.name for each in bodies if each.vertices is not None]
-        moved = only_motions(self._layout, layout, [*movable, *scene.emission, *self._cameras])
+        emission = self.scene.emission
+        moved = only_motions(self._layout, layout, [*movable, *emission, *self._cameras])
         if moved is None:
             return SceneLoader(nodes).scene
         return replace(
