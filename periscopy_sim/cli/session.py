@@ -19,7 +19,6 @@ from periscopy_sim.cli.light import LightOptions, MonitorLight
 from periscopy_sim.cli.messages import colour, note_sentence, sentence
 from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
 from periscopy_sim.extras import require_all
-from periscopy_sim.memo import Memo
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
 from periscopy_sim.reconstruction.registry import DEFAULT
@@ -45,8 +44,7 @@ class Session(options.OptionGroup):
     """A run of a command on a scene, by the options that name it.
 
     `seconds` holds those that each stage took, `warnings` the lines that a summary repeats,
-    `settings` its entries about the method and the light, `record` those about what was read,
-    `memo` what the scenario made.
+    `settings` its entries about the method and the light, `record` those about what was read.
     """
 
     pixels: ClassVar[tuple[int, int] | None] = None  # those of the scene's film
@@ -60,7 +58,6 @@ class Session(options.OptionGroup):
     def __post_init__(self) -> None:
         self.sizes, self.path = options.parse_sizes(self.hidden), ps.find_scene(self.scene)
         self.definitions = options.parse_definitions(self.define)
-        self.memo = Memo()
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
         self.settings: dict[str, Any] = {}
@@ -92,7 +89,7 @@ class Session(options.OptionGroup):
             if 2 * abs(np.log(other)) < abs(np.log(given)):
                 swapped = {"given": f"{rows}x{columns}", "other": f"{columns}x{rows}"}
                 self.warn(sentence("swapped", name=name, ratio=given, **swapped))
-        return replace(scenario, memo=self.memo)
+        return scenario
 
     @property
     def sensor(self) -> str:
@@ -320,7 +317,7 @@ class PhotoSession(WallSession):
         }
         for view in views.values():
             view.seconds, view.warnings = self.seconds, self.warnings
-            view.settings, view.memo = self.settings, self.memo
+            view.settings = self.settings
         return views
 
     def judge(self, name: str, report: "Report") -> tuple[str, str]:
