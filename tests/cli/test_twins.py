@@ -25,7 +25,7 @@ def test_photograph(succeeds):
     succeeds("photograph", "chair", "mushroom", *SIZE, *light, "--seed", "3", "--out", "y.exr")
     scene = chair(seed=3)
     y = scene.photograph(scene.image("mushroom"), ambient="overcast", sbr=1, snr=50, target=0.05)
-    written, metadata = read_exr("y.exr")
+    written, metadata = read_exr(Path("y.exr"))
     np.testing.assert_array_equal(written, y.values.astype(np.float32))
     assert metadata["relative_error"] == f"{y.relative_error:.3g}"
 
