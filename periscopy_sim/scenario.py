@@ -331,6 +331,7 @@ class Scenario(Geometry):
         from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
+        source = source_sha256(name)  # rejects what is no method before anything is rendered
         if photograph is not None and not isinstance(photograph, Photograph):
             photograph = Photograph.of(photograph, self.photograph_shape)
         if noise is None and photograph is not None:
@@ -350,7 +351,7 @@ class Scenario(Geometry):
 
         known = sorted(errors.items()) if isinstance(errors, Mapping) else errors and errors.text()
         key = (
-            *("method", name, source_sha256(name), self._digest, self.seed, plan, conditions),
+            *("method", name, source, self._digest, self.seed, plan, conditions),
             *(self._light_key, repr(known), *sorted(settings.items())),
         )
         entry = entry_of(name) or METHODS[DEFAULT]

@@ -138,13 +138,15 @@ class Session(options.OptionGroup):
     def check_scene(self, method: str = "", *libraries: str) -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         require_all(*libraries)
+        scenario = self.scenario  # loading it is a stage of its own
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warn_of(self.scenario.check(method))
+            self.warn_of(scenario.check(method))
 
     def check_shadows(self) -> None:
         """Warn where no occluder casts a shadow into the camera's view."""
+        scenario = self.scenario
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warn_of(self.scenario.check(), but=("other_lights", "glossy"))
+            self.warn_of(scenario.check(), but=("other_lights", "glossy"))
 
     def warn_of(self, notes: "Iterable[Note]", but: Collection[str] = ()) -> None:
         """Print notes, one line each, but for those of some codes."""

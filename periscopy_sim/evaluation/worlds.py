@@ -17,6 +17,7 @@ from periscopy_sim.evaluation.calibrating import Calibrated, Calibrator, measure
 from periscopy_sim.evaluation.world import World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
+from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.numerics.limits import RANGES, in_range, number_of, size_of
@@ -166,11 +167,10 @@ class Worlds:
         errors = {name: each.relative_error or 0.0 for name, each in signals.items()}
         wall = next(iter(signals.values()))
         plans: dict[str, TransportPlan] = {}
-        fit = partial(self._fitted, assumed, values, wall)
         if values.get(KNOWN) == CALIBRATED:
             fitted = self._calibrated(true, assumed, values, wall)
         else:
-            fitted, plans = timed("fit", fit)
+            fitted, plans = timed("fit", self._fitted, assumed, values, wall)
         world = partial(
             World,
             signals=signals,
@@ -182,8 +182,9 @@ class Worlds:
         )
         if plans:
             light = np.ones_like(wall.values)
+            again = partial(self._fitted, replace(assumed, memo=Memo()), values, wall)
             self.watcher.see(WorldParts(
-                fit, lambda names: world(backgrounds=dict.fromkeys(names, light)),
+                again, lambda names: world(backgrounds=dict.fromkeys(names, light)),
                 self.cached_lights(values), lambda name: self._traced(values, [name]),
             ))  # fmt: skip
         traced = self._traced(values, self._rendered)

@@ -157,7 +157,7 @@ class SweepForecast(Watcher):
             self.timed("light", world.trace, name)
             self.rate = self._seconds["light"][-1] / LIGHT_COST.get(name, 1.0)
         matrices, fits = (self._seconds.get(part, []) for part in ("matrix", "fit"))
-        of_fit = fits[-1] - (sum(matrices) if len(fits) == 1 else 0.0)
+        of_fit = fits[-1] - sum(matrices[-(len(matrices) // len(fits)) :])
         show_time(
             max(self._seconds["photograph"]) * len(self.photographs)
             + self.rate * sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
