@@ -101,14 +101,12 @@ def reconstruct(
             solution = joint.solve(wall)
             found = session.scenario.hidden.images(solution.image)
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
-        for camera, view in views.items():
-            view.check_bounces(methods[camera], images, walls[camera])
         doing = "residual and standard errors"
         with session.timed(doing), output.progress(f"computing {doing}"):
             report = joint.report(wall, solution)
             report, reports = report if several else (report, {session.sensor: report})
             reports = {
-                camera: views[camera].with_patches_tried(own, methods[camera], images)
+                camera: views[camera].examined(own, methods[camera], images, walls[camera])
                 for camera, own in reports.items()
             }
             report = report if several else reports[session.sensor]

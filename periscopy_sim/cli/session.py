@@ -368,31 +368,37 @@ class PhotoSession(WallSession):
             check_rank(fitted, self.scenario, self.record["samples"], wall.pixels, self.seed)
             return fitted
 
-    def check_bounces(
+    def examined(
+        self, report: "Report", fitted: "StillMethod[Any]", image: Any, wall: ps.Photograph
+    ) -> "Report":
+        """Return a report with what smaller patches would explain; warn of light that bounces."""
+        images = self.scenario.hidden.split(fitted.fit.mixed(image))
+        self._check_bounces(fitted, images, wall)
+        return self._with_patches_tried(report, fitted, images)
+
+    def _check_bounces(
         self, fitted: "StillMethod[Any]", images: Mapping[str, Array], wall: ps.Photograph
     ) -> None:
         """Warn where light of the images that bounces, and no ambient light of B, exceeds noise.
 
-        A direct A lacks it.
+        A direct A lacks it. Images are in the channels of the fit's planes.
         """
         from periscopy_sim.rendering.photograph import bounced_light
         from periscopy_sim.rendering.variant import is_vectorized
 
-        noise = self.record.get("relative_noise")
-        is_plain = {each.shape[2] for each in images.values()} == {3} and fitted.fit.mixing is None
-        if self.settings.get("bounces") != "direct" or not (noise and is_plain and is_vectorized()):
+        noise, scene, fit = self.record.get("relative_noise"), self.scenario.scene, fitted.fit
+        if self.settings.get("bounces") != "direct" or not (noise and is_vectorized()):
             return
-        if self.scenario.scene.transparent:
+        if scene.transparent:
             return
         with self.timed("light that bounces"), progress("estimating light that bounces"):
-            light = bounced_light(self.scenario, images, self.seed)
-        shape = *self.scenario.photograph_shape, 3
-        planes, mean = (fitted.fit.vectors(each).T for each in (light.reshape(shape), wall.values))
-        rest = np.sqrt(np.mean(fitted.fit.project_out(planes) ** 2, axis=1))
-        if (ratio := float((rest / mean.mean(axis=1)).max()) / noise) > 1:
+            planes = fit.used(bounced_light(self.scenario, images, self.seed)).T
+        rest = np.sqrt(np.mean(fit.project_out(planes) ** 2, axis=1))
+        mean = fit.vectors(wall.values).mean(axis=0)
+        if (ratio := float((rest / mean).max()) / noise) > 1:
             self.warn(sentence("bounces", scene=self.scene, ratio=ratio))
 
-    def with_patches_tried(
+    def _with_patches_tried(
         self, report: "Report", fitted: "StillMethod[Any]", images: Mapping[str, Array]
     ) -> "Report":
         """Return a doubted report with what smaller patches would explain, by areas."""
@@ -402,7 +408,7 @@ class PhotoSession(WallSession):
         residual, fit = report.residual, fitted.fit
         if residual is None or residual.unexplained_by_any is None or not report.is_doubted:
             return report
-        if fit.mixing is not None or not has_areas(self.scenario):
+        if not has_areas(self.scenario):
             return report
         light = np.asarray(fit.used(detail_light(self.scenario, images)).T[None], np.float64)
         residual = residual.tried("patches", light, fit)

@@ -68,7 +68,7 @@ def video(
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
-            report = still.report(wall, first)
+            report = session.examined(still.report(wall, first), still, first.image, wall)
             verdict, colour = session.judge(f"{frames}, first frame", report)
         flat = np.concatenate([f.reshape(len(f), -1, f.shape[-1]) for f in images.values()], axis=1)
         metadata, white = session.metadata, animation.white_of(flat)
