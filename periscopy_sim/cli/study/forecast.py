@@ -94,7 +94,7 @@ class SweepForecast:
         self,
         axes: Mapping[str, Sequence[Any]],
         missing: Sequence[Mapping[str, Any]],
-        parts_of: Callable[[Mapping[str, Any]], Parts],
+        parts_of: Callable[..., Parts],
         flips: int,
     ) -> None:
         """Print the results as a product over the axes, and what those that are missing need.
@@ -102,23 +102,23 @@ class SweepForecast:
         Of more than `SCENES` scenes, the first ones show which ambient light is rendered.
         """
         worlds = dict[tuple[Any, ...], Parts]()
-        trials, places = set[tuple[Any, ...]](), dict[Path, Parts]()
+        trials, fits, places = set[tuple[Any, ...]](), set[tuple[Any, ...]](), dict[Path, Parts]()
         for cell in missing:
-            values = {name: value for name, value in cell.items() if name not in OF_PHOTOGRAPHS}
-            if (key := (*values.values(),)) not in worlds:
-                worlds[key] = parts = parts_of(values)
+            values = {n: value for n, value in cell.items() if n not in OF_PHOTOGRAPHS}
+            if (key := (*values.values(), cell["snr"])) not in worlds:
+                worlds[key] = parts = parts_of(cell["snr"], **values)
                 places.setdefault(parts.place, parts)
                 self.photographs |= parts.photographs
                 if parts.matrices:
                     folder, pattern, count = parts.matrices
                     self.matrices[folder, pattern] = count
-                    self.fits += 1
+                    fits.add(key[:-1])
             if worlds[key].matrices:
                 self.cells[cell["algorithm"]] += 1
                 self.first.setdefault(cell["algorithm"], cell)
             else:
                 trials.add((*(value for name, value in cell.items() if name != "algorithm"),))
-        self.calibrations = len(trials)
+        self.calibrations, self.fits = len(trials), len(fits)
         for place, parts in [*places.items()][:SCENES]:
             with suppress(SceneError):  # which fails alone
                 self.lights |= {

@@ -83,6 +83,9 @@ class Worlds:
     _sessions: dict[Any, WallSession] = field(default_factory=dict, init=False)
     _calibrators: "dict[Any, Calibrator]" = field(default_factory=dict, init=False)
     _plans: "dict[Any, dict[str, TransportPlan]]" = field(default_factory=dict, init=False)
+    _fits: "dict[Any, tuple[dict[str, Method], dict[str, TransportPlan]]]" = field(
+        default_factory=dict, init=False
+    )  # the latest
     forecast: SweepForecast = field(default_factory=SweepForecast, init=False)
 
     @property
@@ -103,14 +106,14 @@ class Worlds:
         """Channels of the images: those of the photographs given, else three."""
         return next((each.channels for each in self.photographs.values()), 3)
 
-    def __call__(self, **values: Any) -> "ps.World":
-        """Return the world of values of some axes."""
+    def __call__(self, snr: float, **values: Any) -> "ps.World":
+        """Return the world of an SNR and of values of some axes."""
         from periscopy_sim.evaluation.world import flipped_names
 
         true, assumed = self._session(values), self._session(values, ASSUMED)
         true.check_scene()
         at, timed = self._folder(values), self.forecast.timed
-        rendered = {n: timed("photograph", self._signal, true, at, n) for n in self.shown}
+        rendered = {n: timed("photograph", self._signal, true, at, n, snr) for n in self.shown}
         signals = {name: photograph for name, (photograph, _) in rendered.items()}
         errors = {name: error for name, (_, error) in rendered.items()}
         wall = next(iter(signals.values()))
@@ -118,8 +121,11 @@ class Worlds:
         if values.get(KNOWN) == CALIBRATED:
             fitted = self._calibrated(true, assumed, values, wall)
         else:
-            fit = partial(self._fitted, assumed, values, wall)
-            fitted, plans = timed("fit", fit)
+            fit, key = partial(self._fitted, assumed, values, wall), tuple(values.items())
+            if key not in self._fits:
+                self._fits.clear()
+                self._fits[key] = timed("fit", fit)
+            fitted, plans = self._fits[key]
         world = partial(
             ps.World,
             signals=signals,
@@ -171,8 +177,8 @@ class Worlds:
         paths = {name: find_condition(name) for name in self._rendered}
         return {cached_light(path, true.scenario, true.seed): n for n, path in paths.items()}
 
-    def parts(self, values: Mapping[str, Any]) -> Parts:
-        """Return what the world of values of axes is made of."""
+    def parts(self, snr: float, **values: Any) -> Parts:
+        """Return what the world of an SNR and of values of axes is made of."""
         light, folder = self._light(values), self._folder(values, ASSUMED)
         ways = {name in METHODS and METHODS[name].rays for name in self.methods}
         matrices = f"A_{light.samples}_rays*.npy" if light.samples else "A*.npy"
@@ -182,7 +188,7 @@ class Worlds:
             photographs={
                 file
                 for name in self.shown.keys() - self.photographs.keys()
-                if self._has_noise(file := self._photograph_file(self._folder(values), name))
+                if not (file := _photograph_file(self._folder(values), name, snr)).is_file()
             },
             matrices=None if is_calibrated else (folder, matrices, count),
             place=self._ambient_folder(values),
@@ -301,47 +307,35 @@ class Worlds:
         texts = {n: f"{v:.9g}" if isinstance(v, float) else Path(v).stem for n, v in own.items()}
         return self.out / ",".join(f"{name}={text}" for name, text in texts.items())
 
-    def _photograph_file(self, folder: Path, name: str) -> Path:
-        """Return the file of a hidden image's photograph."""
-        return folder / f"photograph_{name}.exr"
-
-    @property
-    def _snr(self) -> float:
-        """What photographs are rendered for, in dB; ambient light's error has its part."""
-        return float(-20 * np.log10(self.noise) + 3)
-
-    def _has_noise(self, file: Path) -> bool:
-        """Return whether a photograph is missing, or was rendered for more noise."""
-        held = read_exr(file)[1] if file.is_file() else {}
-        return not float(held.get("made_for_snr", "nan")) >= self._snr
-
-    def _signal(self, session: WallSession, folder: Path, name: str) -> tuple[Photograph, float]:
+    def _signal(
+        self, session: WallSession, folder: Path, name: str, snr: float
+    ) -> tuple[Photograph, float]:
         """Return the photograph of a hidden image and its own error over its root mean square.
 
-        It is given, then of no known error, or rendered, from its file if any. As A it serves the
-        sweep's least noise.
+        It is given, then of no known error, or rendered for the SNR, from its file if any: a cell
+        has the same photograph in whichever run it is computed.
         """
         from periscopy_sim.rendering.photograph import rendering_of
 
         if name in self.photographs:
             return self.photographs[name], 0.0
-        file = self._photograph_file(folder, name)
+        file = _photograph_file(folder, name, snr)
         picture = session.hidden_image(self.shown[name])
         made = {n: session.provenance[n] for n in ("scene_sha256", "parameters", "seed")}
         made |= {"camera": session.sensor, "bounces": self.light.bounces}
         made |= {"image_sha256": image_sha256(picture)}
         held = read_exr(file)[1] if file.is_file() else {}
-        # A picture or a scene of this name may have been another, or the noise larger.
-        if not as_text(made).items() <= held.items() or self._has_noise(file):
+        # A picture or a scene of this name may have been another.
+        if not as_text(made).items() <= held.items():
             with output_files(file) as (staged,), progress(f"photograph: {name}") as report:
                 rendered = rendering_of(
-                    session.scenario, picture, snr=self._snr, bounces=self.light.most_bounces,
+                    session.scenario, picture, snr=snr, bounces=self.light.most_bounces,
                     seed=_seed_of(session, name), progress=report,
                 )  # fmt: skip
                 held = {
                     **as_text({**session.provenance, **made, "image": self.shown[name]}),
                     "relative_error": rendered.relative_error,
-                    "made_for_snr": self._snr,
+                    "made_for_snr": snr,
                 }
                 write_exr(staged, rendered.photograph, held)
             self.forecast.photographs.discard(file)
@@ -420,6 +414,11 @@ class Worlds:
             with part_of_command():
                 write_transport(session, light, plan, file)
         return session.transport(light, matrix=file)
+
+
+def _photograph_file(folder: Path, name: str, snr: float) -> Path:
+    """Return the file of a hidden image's photograph, rendered for an SNR."""
+    return folder / f"photograph_{name}_{snr:.9g}dB.exr"
 
 
 def _seed_of(session: WallSession, name: str) -> int:
