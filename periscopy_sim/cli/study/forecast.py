@@ -119,12 +119,9 @@ class SweepForecast:
             else:
                 trials.add((*(value for name, value in cell.items() if name != "algorithm"),))
         self.calibrations, self.fits = len(trials), len(fits)
-        for place, parts in [*places.items()][:SCENES]:
+        for parts in [*places.values()][:SCENES]:
             with suppress(SceneError):  # which fails alone
-                self.lights |= {
-                    file: name for file, name in parts.lights().items()
-                    if not (file.is_file() or (place / f"{name}.exr").is_file())
-                }  # fmt: skip
+                self.lights |= parts.lights()
         sizes = {name: len(values) for name, values in axes.items()}
         results = math.prod(sizes.values())
         record(missing=len(missing), results=results)

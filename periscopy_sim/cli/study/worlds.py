@@ -27,8 +27,7 @@ from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.storage.ambient_library import (
     ambient_photographs,
-    cached_light,
-    find_condition,
+    missing_photographs,
 )
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
@@ -139,7 +138,7 @@ class Worlds:
             light = np.ones_like(wall.values)
             self.forecast.measure(
                 fit, lambda names: world(backgrounds=dict.fromkeys(names, light)),
-                self._cached_lights(values), lambda name: self._traced(values, [name]),
+                self._missing_lights(values), lambda name: self._traced(values, [name]),
                 thread_count(self.scheduler),
             )  # fmt: skip
         traced = self._traced(values, self._rendered)
@@ -171,11 +170,10 @@ class Worlds:
         """Return the folder of ambient light, which patches do not change."""
         return self._folder({n: v for n, v in values.items() if n != "hidden"}) / "ambient"
 
-    def _cached_lights(self, values: Mapping[str, Any]) -> dict[Path, str]:
-        """Return the names of ambient light that is path traced, by the user's files of it."""
-        true = self._session(values)
-        paths = {name: find_condition(name) for name in self._rendered}
-        return {cached_light(path, true.scenario, true.seed): n for n, path in paths.items()}
+    def _missing_lights(self, values: Mapping[str, Any]) -> dict[Path, str]:
+        """Return the names of ambient light that is not rendered yet, by the cache's files."""
+        true, folder = self._session(values), self._ambient_folder(values)
+        return missing_photographs(self._rendered, true.scenario, folder, true.seed)
 
     def parts(self, snr: float, **values: Any) -> Parts:
         """Return what the world of an SNR and of values of axes is made of."""
@@ -192,7 +190,7 @@ class Worlds:
             },
             matrices=None if is_calibrated else (folder, matrices, count),
             place=self._ambient_folder(values),
-            lights=partial(self._cached_lights, values),
+            lights=partial(self._missing_lights, values),
         )
 
     def check(self, axes: Mapping[str, Sequence[Any]]) -> None:

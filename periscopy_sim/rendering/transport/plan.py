@@ -7,7 +7,7 @@ computations of a few rows measure either.
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -248,6 +248,23 @@ def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: 
     variance = np.mean((first - second) ** 2) / (1 + (across / most) ** 2)
     light = float(np.mean(second))
     return float(np.sqrt(variance)) / light if light > 0 else 0.0
+
+
+def image_error(
+    plan: TransportPlan, scenario: Scenario, A: NDArray[np.floating[Any]], image: Array, seed: int
+) -> float:
+    """Return the error of an image's light, (N, C), by a planned A, over its mean, as of `planned`.
+
+    Rows of A are compared with finer ones or, by rays, with as many independent rays.
+    """
+    rows = np.sort(np.random.default_rng(seed).permutation(len(A))[:PIXELS])
+    finer = replace(plan, across=max(2 * plan.across, points_across(scenario.photograph_shape)))
+    view = scenario.averaged(finer.across).view
+    used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
+    some = Scenario(view.of_pixels(used.reshape(view.shape)), scenario.hidden)
+    light = finer.transport(some, seed=seed + 1) @ image
+    off = float(np.sqrt(np.mean((A[rows] @ image - light) ** 2)))
+    return off / (float(light.mean()) or 1.0)
 
 
 def transport(
