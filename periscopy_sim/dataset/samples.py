@@ -10,7 +10,6 @@ import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,7 @@ from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import combine_rows, times_rows
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
-from periscopy_sim.rendering.transport.plan import SMALL, image_error, planned
+from periscopy_sim.rendering.transport.plan import SMALL, planned_for
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import (
     Progress,
@@ -327,8 +326,7 @@ LEAST_NOISE = 1e-4
 """Noise over the mean of the photographs that A is made for: 80 dB."""
 
 TRIED = 8
-"""Clips of a geometry whose first images show the error of A: it is up to 8 times a white image's
-(chair and plate, 60 and 80 dB)."""
+"""Clips of a geometry whose first images show the error of A."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,19 +356,12 @@ def render_geometry(settings: Configuration, number: int) -> Geometry:
     first = number * settings.samples_per_geometry // settings.clip_length
     clips = (draw_clip(settings, first + k).hidden for k in range(TRIED))
     ids = named("hidden", {name: name for name in scenario.hidden})
-    tried = [scenario.hidden.join({ids[n]: f[0] for n, f in clip.items()}) for clip in clips]
+    joined = (scenario.hidden.join({ids[n]: f[0] for n, f in clip.items()}) for clip in clips)
+    images = np.stack([*joined])
     with _rendering:
         # The seed is the data set's own: samples of A are no random draw of a sample.
         noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
-        of_noise = partial(planned, scenario, samples=light.samples, seed=settings.seed)
-        asked, coarser = noise, None
-        while (made := of_noise(asked))[0] != coarser:
-            coarser = plan = made[0]
-            A = plan.transport(scenario, made[1], seed=settings.seed)
-            error = max(image_error(plan, scenario, A, f, settings.seed) for f in tried)
-            if light.samples or error <= SMALL * noise:
-                break
-            asked *= min(0.5, SMALL * noise / error)
+        error, A = planned_for(images, scenario, noise, samples=light.samples, seed=settings.seed)
         if error > SMALL * noise:
             warnings.warn(
                 f"geometry {number}: A errs by up to {error:.1e} of the light of its first images, "

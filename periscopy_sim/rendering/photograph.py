@@ -328,26 +328,24 @@ def _other_light(
     view, shape, parts = scenario.view, scenario.photograph_shape, list[Part]()
     everywhere, M = np.arange(len(view.points)), len(view.points)
     if other_lights:
-        reflected = float(view.albedo.mean()) / np.pi
+        gain = float(view.albedo.mean()) / np.pi
         lift = LIFT * float(np.linalg.norm(np.ptp(view.centers, axis=0)))
         height = np.maximum(lift, rises(view.centers, view.center_normals, shape))
         points = view.centers + height[:, None] * view.center_normals
         surface = points, view.center_normals, view.edges, DIRECT_SAMPLES
         own = [shape_of(scene, name).emitter() for name in scenario.hidden]
-        for emitter in scene.emitters():
-            if emitter not in own:
-                arriving = partial(direct_irradiance, scene, emitter, *surface)
-                estimate = partial(_scaled, reflected, arriving)
-                parts.append(Part(estimate, everywhere, shape, M * DIRECT_SAMPLES))
+
+        def reflected(emitter: Any, seed: int) -> Array:
+            return np.asarray(gain * direct_irradiance(scene, emitter, *surface, seed))
+
+        others = (emitter for emitter in scene.emitters() if emitter not in own)
+        work = M * DIRECT_SAMPLES
+        parts += [Part(partial(reflected, each), everywhere, shape, work) for each in others]
     if bounces != DIRECT:
         sites = chosen_sites(shape)
         tracer = make_tracer(scenario, sites, bounces, scene)
         parts.append(Part(tracer, sites, shape, len(sites) * PATHS * RAY))
     return parts
-
-
-def _scaled(factor: float, estimate: Callable[[int], Array], seed: int) -> Array:
-    return factor * estimate(seed)
 
 
 def _smoothed(
