@@ -15,7 +15,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.memo import Memo
-from periscopy_sim.numerics import Image
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.scene import CAMERA, Scene
@@ -182,6 +182,22 @@ class Scenario(Geometry):
         key = "A", self._digest, seed, plan, light.strata, light.bounces
         A: NDArray[np.float32] | BouncedTransport = self.memo(key, make, self._bytes)
         return A
+
+    def transport_of(
+        self, images: Array, noise: float
+    ) -> "tuple[float, NDArray[np.float32] | BouncedTransport]":
+        """Return the error of the light of some images, (K, N, C), and an A as fine as they need.
+
+        Small bright details err more than the white light that `plan` looks at.
+        """
+        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces
+        from periscopy_sim.rendering.transport.plan import planned_for
+
+        light, seed = self.light, self.seed
+        error, A = planned_for(images, self, noise, samples=light.samples, seed=seed)
+        if light.bounces == DIRECT:
+            return error, A
+        return error, add_bounces(self, A, light.bounces, seed=seed)
 
     # -- photographs -------------------------------------------------------------------------------
 
@@ -489,8 +505,7 @@ class Scenario(Geometry):
             method if isinstance(method, StillMethod) else self.method(method, photograph)
         )
         report = fitted.report(photograph, solution) if report is None else report
-        found = self.hidden.images(solution.image)
-        images = {name: np.asarray(image, np.float64) for name, image in found.items()}
+        images = self.hidden.split(fitted.fit.mixed(solution.image))
         report, warnings = judgement.with_patches_tried(self, report, fitted, images), []
         if self.light.bounces == 1:
             warnings = judgement.check_bounces(self, fitted, images, photograph, self.seed)
