@@ -42,7 +42,8 @@ FLOORS = [
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"model"},
     {"photograph", "hidden", "view", "scene", "geometry", "shipped", "extras", "testing"},
-    {"numerics", "errors", "memo", "own_code"},
+    {"memo", "own_code"},
+    {"numerics", "errors"},
 ]
 MAKERS = {"rendering", "analytic", "model"}
 DOCTOR = "periscopy_sim.cli.doctor"
