@@ -530,7 +530,7 @@ class Scenario(Geometry):
         view, surfaces = self.view, self.hidden.items()
         document = scene_sha256(self.document) if self.document.files else ""
         return (
-            *(document, *sorted(self.parameters.items()), view.camera, view.shape),
+            *(document, *sorted(self.document.values.items()), view.camera, view.shape),
             *((name, *_sha256(_members(surface))) for name, surface in surfaces),
             *((each.name, *_sha256(_members(each))) for each in view.occluders),
             *self._wall_digest,
