@@ -16,11 +16,10 @@ from periscopy_sim.memo import Memo
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
-from periscopy_sim.scene import CAMERA, Scene
+from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
-    from periscopy_sim.calibration.scene_covariance import SceneCovariance
     from periscopy_sim.methods import Name
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
@@ -313,7 +312,7 @@ class Scenario(Geometry):
         photograph: Photograph | Image | None = None,
         *,
         noise: float | None = None,
-        errors: "Mapping[str, float] | SceneCovariance | None" = None,
+        errors: Mapping[str, float] | None = None,
         **settings: float,
     ) -> "StillMethod[Any]":
         """Return a method fitted to this scene and to the conditions of a photograph.
@@ -363,10 +362,10 @@ class Scenario(Geometry):
             )
             return fitted
 
-        known = sorted(errors.items()) if isinstance(errors, Mapping) else errors and errors.text()
+        known = None if errors is None else tuple(sorted(errors.items()))
         key = (
             *("method", name, source, self._digest, self.seed, plan, conditions),
-            *(self._light_key, repr(known), *sorted(settings.items())),
+            *(self._light_key, known, *sorted(settings.items())),
         )
         entry = entry_of(name) or METHODS[DEFAULT]
         return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
@@ -384,7 +383,7 @@ class Scenario(Geometry):
     def uncertainty(
         self,
         method: "Name" = DEFAULT,
-        errors: "Mapping[str, float] | SceneCovariance | None" = None,
+        errors: Mapping[str, float] | None = None,
     ) -> "tuple[UncertainTransport | None, list[Note]]":
         """Return what errors of the scene do to light, for methods that count them, and notes.
 
@@ -425,13 +424,17 @@ class Scenario(Geometry):
     def calibrate(self, photograph: Any, **options: Any) -> "Calibration":
         """Correct the measured values of the scene's parameters by photographs of its wall.
 
-        The options are the keywords of `periscopy_sim.calibrate`. ``scenario.at(**found.values)``
-        is the calibrated scenario.
+        The options are the keywords of `periscopy_sim.calibrate`. The result's `scenario` has the
+        calibrated values, and methods fitted to it count what the calibration knows of them.
         """
         from periscopy_sim.calibration.calibrate import calibrate
 
         options = {"camera": self.view.camera, "seed": self.seed, **options}
-        return calibrate(photograph, self.scene, self.hidden.shapes, **options)
+        found = calibrate(photograph, self.scene, self.hidden.shapes, **options)
+        moved = self.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
+        carried = {**moved.document.defaults, CALIBRATED: found.scene_covariance.text()}
+        scene = replace(moved.scene, document=replace(moved.document, defaults=carried))
+        return replace(found, scenario=replace(moved, view=replace(moved.view, scene=scene)))
 
     # -- judgements --------------------------------------------------------------------------------
 
