@@ -4,10 +4,10 @@ import errno
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from stat import S_ISREG
-from typing import Any
+from typing import Any, SupportsFloat
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
@@ -57,6 +57,20 @@ RANGES: Mapping[str, tuple[float, float]] = {
 def in_range(kind: str, *values: float) -> bool:
     """Return whether numbers of a kind are in its range."""
     return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
+
+
+def checked(name: str, values: Any, kind: str) -> list[float]:
+    """Return numbers that a user gives, one or several, if they are of a kind in `RANGES`.
+
+    A PeriscopyError names them as the user does.
+    """
+    listed = [*values] if isinstance(values, Iterable) and not isinstance(values, str) else [values]
+    for each in listed:
+        is_number = isinstance(each, SupportsFloat) and not isinstance(each, str | bool)
+        if not (is_number and in_range(kind, float(each))):
+            limits = "{:g} to {:g}".format(*RANGES[kind])
+            raise PeriscopyError(f"{name} {each}: write numbers from {limits}, without units")
+    return [float(each) for each in listed]
 
 
 def number_of(text: str) -> float:
