@@ -14,6 +14,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.machine import LONG
 
 if TYPE_CHECKING:
+    from periscopy_sim.evaluation.sweep import Sweep
     from periscopy_sim.evaluation.world import World
 
 Given = ParamSpec("Given")
@@ -26,11 +27,11 @@ LIGHT_COST = {
 """Processor time of ambient conditions over that of overcast, of the others 1: on the chair's wall
 of 126 x 126 pixels, where overcast takes 6.6 s. That of window_right follows from five rounds."""
 
-AXES = {"algorithm": "method", "background": "place", "sbr": "SBR", "snr": "SNR"}
-"""Axes of a sweep in words."""
-
-OF_PHOTOGRAPHS = "algorithm", "image", "background", "sbr", "snr", "seed"
-"""Axes that every sweep has."""
+AXES = {
+    "algorithm": "method", "image": "image", "background": "place", "sbr": "SBR", "snr": "SNR",
+    "seed": "seed",
+}  # fmt: skip
+"""Axes that every sweep has, in words."""
 
 SCENES = 8
 """Scenes that are loaded before a sweep starts."""
@@ -88,11 +89,12 @@ class SweepForecast:
     first: dict[str, Mapping[str, Any]] = field(default_factory=dict)  # missing cell of a method
     rate: float = 0.0  # seconds of ambient light whose `LIGHT_COST` is 1
     is_shown: bool = False  # whether the time is printed
+    _sweep: "Sweep" = field(init=False)
     _seconds: dict[str, list[float]] = field(default_factory=dict, init=False)
 
     def begin(
         self,
-        axes: Mapping[str, Sequence[Any]],
+        sweep: "Sweep",
         missing: Sequence[Mapping[str, Any]],
         parts_of: Callable[..., Parts],
         flips: int,
@@ -101,10 +103,10 @@ class SweepForecast:
 
         Of more than `SCENES` scenes, the first ones show which ambient light is rendered.
         """
-        worlds = dict[tuple[Any, ...], Parts]()
+        self._sweep, worlds = sweep, dict[tuple[Any, ...], Parts]()
         trials, fits, places = set[tuple[Any, ...]](), set[tuple[Any, ...]](), dict[Path, Parts]()
         for cell in missing:
-            values = {n: value for n, value in cell.items() if n not in OF_PHOTOGRAPHS}
+            values = {n: value for n, value in cell.items() if n not in AXES}
             if (key := (*values.values(), cell["snr"])) not in worlds:
                 worlds[key] = parts = parts_of(cell["snr"], **values)
                 places.setdefault(parts.place, parts)
@@ -122,21 +124,15 @@ class SweepForecast:
         for parts in [*places.values()][:SCENES]:
             with suppress(SceneError):  # which fails alone
                 self.lights |= parts.lights()
-        sizes = {name: len(values) for name, values in axes.items()}
+        sizes = {name: len(values) for name, values in sweep.axes.items()}
         results = math.prod(sizes.values())
         record(missing=len(missing), results=results)
-        words = list[str]()
-        for name, size in sizes.items():
-            of_flips = flips if name == "background" else 1
-            noun = AXES.get(name, name)
-            if size > of_flips or name in ("algorithm", "image"):
-                is_known = name in OF_PHOTOGRAPHS
-                words.append(
-                    counted(size // of_flips, noun) if is_known else f"{size} values of {name}"
-                )
-            if of_flips > 1:
-                words.append(counted(flips, "flip"))
         if missing:
+            sizes["background"] //= flips
+            words = [
+                counted(size, AXES[name]) if name in AXES else f"{size} values of {name}"
+                for name, size in sizes.items() if size > 1 or name in ("algorithm", "image")
+            ] + [counted(flips, "flip")] * (flips > 1)  # fmt: skip
             left = f"{len(missing):,} of " if len(missing) < results else ""
             say(f"{left}{counted(results, 'result')}: {' x '.join(words)}")
             photographs, matrices = self._missing()
@@ -180,7 +176,7 @@ class SweepForecast:
         if self._seconds["fit"][-1] < LONG:  # without what the first one compiles
             self.timed("fit", fit)
         world = evenly_lit({cell["background"] for cell in self.first.values()})
-        seconds = {name: cell_seconds(world, cell) for name, cell in self.first.items()}
+        seconds, writing = cell_seconds(self._sweep, world, self.first)
         if missing := [file for file in own_lights if file in self.lights]:
             file = min(missing, key=lambda each: LIGHT_COST.get(self.lights[each], 1.0))
             name = self.lights.pop(file)
@@ -194,7 +190,7 @@ class SweepForecast:
             + self.rate * sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
             + max(matrices) * matrices_left
             + of_fit * (self.fits - 1)
-            + sum(self.cells[name] * each for name, each in seconds.items()) / threads,
+            + sum(self.cells[name] * (seconds[name] / threads + writing) for name in seconds),
             *([counted(self.calibrations, "calibration")] if self.calibrations else []),
         )
         self.is_shown = True

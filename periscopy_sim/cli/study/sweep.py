@@ -170,7 +170,7 @@ def sweep(
             results = sweeps.run_sweep(
                 whole, out, scheduler=scheduler, progress=report,
                 planned=lambda missing: worlds.forecast.begin(
-                    whole.axes, missing, worlds.parts, len(flipped_names("", flips))
+                    whole, missing, worlds.parts, len(flipped_names("", flips))
                 ),
                 timed=lambda name, taken: seconds[name].append(taken),
             )  # fmt: skip

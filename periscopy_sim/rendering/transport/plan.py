@@ -8,7 +8,7 @@ computations of a few rows measure either.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from periscopy_sim.errors import ClosedFormError, SceneError
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.shadow_rays import (
     RenderedTransport,
@@ -131,9 +131,11 @@ def planned(
     budget: int | None = None,
 ) -> tuple[TransportPlan, NDArray[np.float32] | None]:
     """Return the plan of `plan_transport`, and its A if the choice took all of it."""
-    if not noise >= 0:
-        raise InputError(f"the noise is {noise}; give a number from 0 on")
-    noise = max(noise, PRECISION)
+    checked_scene(scenario)
+    if by not in (None, *get_args(By)):
+        raise InputError(f"by is {by!r}: give one of {', '.join(get_args(By))}, or None")
+    noise = max(checked_number(noise, "noise", 0), PRECISION)
+    seed = int(checked_number(seed, "seed", 0, whole=True))
     if by == "areas":
         ways_to(scenario)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
@@ -323,11 +325,15 @@ def transport(
     VariantError
         If rays are needed in a scalar variant.
     """
-    if isinstance(seen, Scenario) == (hidden is not None):
-        raise TypeError("give a scenario, or a view and the hidden surfaces beside it")
-    if isinstance(seen, View):
-        assert hidden is not None
-        seen = Scenario(seen, hidden)
+    if bounces is not None:
+        checked_number(bounces, "bounces", DIRECT, whole=True)
+    if isinstance(seen, View) and hidden is not None:
+        seen, hidden = Scenario(seen, hidden), None
+    if hidden is not None or not isinstance(seen, Scenario):
+        raise InputError(
+            f"the scene is of type {type(seen).__name__}: give a scenario, which ps.load_scenario "
+            "returns, or a view and the hidden surfaces beside it"
+        )
     plan, A = planned(seen, noise, by=by, seed=seed)
     if plan.error > noise:
         remedy = "the camera or the hidden image fewer pixels"
