@@ -228,7 +228,7 @@ def sweep(
         with watcher.progress("sweeping") as report:
             results = run_sweep(
                 whole, out, scheduler=scheduler, progress=report, timed=watcher.took,
-                planned=lambda missing: watcher.begin(worlds, whole.axes, missing),
+                planned=lambda missing: watcher.begin(whole, missing),
             )  # fmt: skip
     watcher.note(_notes(scenario, results, worlds, by_default=not (light.by or light.samples)))
     return results

@@ -72,13 +72,8 @@ class Watcher:
 
     progress: Progress = staticmethod(silent)
 
-    def begin(
-        self,
-        worlds: "Worlds",
-        axes: Mapping[str, Sequence[Any]],
-        missing: Sequence[Mapping[str, Any]],
-    ) -> None:
-        """Follow a sweep from its begin: axes, and cells that are missing."""
+    def begin(self, sweep: Any, missing: Sequence[Mapping[str, Any]]) -> None:
+        """Follow a `Sweep` of `Worlds` from its begin, with the cells that are missing."""
 
     def timed(
         self, part: str, make: Callable[Given, Made], *given: Given.args, **named: Given.kwargs

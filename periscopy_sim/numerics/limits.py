@@ -7,10 +7,11 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from stat import S_ISREG
-from typing import Any, SupportsFloat
+from typing import Any
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
+from periscopy_sim.numerics.validation import InputError, checked_numbers
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -64,13 +65,11 @@ def checked(name: str, values: Any, kind: str) -> list[float]:
 
     A PeriscopyError names them as the user does.
     """
-    listed = [*values] if isinstance(values, Iterable) and not isinstance(values, str) else [values]
-    for each in listed:
-        is_number = isinstance(each, SupportsFloat) and not isinstance(each, str | bool)
-        if not (is_number and in_range(kind, float(each))):
-            limits = "{:g} to {:g}".format(*RANGES[kind])
-            raise PeriscopyError(f"{name} {each}: write numbers from {limits}, without units")
-    return [float(each) for each in listed]
+    is_list = isinstance(values, Iterable) and not isinstance(values, str)
+    try:
+        return checked_numbers(values if is_list else [values], name, *RANGES[kind])
+    except InputError as error:
+        raise PeriscopyError(str(error)) from error
 
 
 def number_of(text: str) -> float:
