@@ -11,7 +11,7 @@ from typing import Any
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
-from periscopy_sim.numerics.validation import InputError, checked_numbers
+from periscopy_sim.numerics.validation import InputError, checked_number
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -65,11 +65,13 @@ def checked(name: str, values: Any, kind: str) -> list[float]:
 
     A PeriscopyError names them as the user does.
     """
-    is_list = isinstance(values, Iterable) and not isinstance(values, str)
-    try:
-        return checked_numbers(values if is_list else [values], name, *RANGES[kind])
-    except InputError as error:
-        raise PeriscopyError(str(error)) from error
+    is_list, numbers = isinstance(values, Iterable) and not isinstance(values, str), list[float]()
+    for each in values if is_list else [values]:
+        try:
+            numbers.append(checked_number(each, name, *RANGES[kind]))
+        except InputError as error:
+            raise PeriscopyError(f"{name} {each}: {str(error).partition(': ')[2]}") from error
+    return numbers
 
 
 def number_of(text: str) -> float:
