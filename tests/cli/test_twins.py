@@ -15,8 +15,8 @@ pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 SIZE = ("-D", "resolution=24", "--hidden", "4x5")
 
 
-def chair(**options):
-    return ps.load_scenario("chair", (4, 5), {"resolution": 24}, **options)
+def chair(dx=0, **options):
+    return ps.load_scenario("chair", (4, 5), {"resolution": 24, "occluder_dx": dx}, **options)
 
 
 @pytest.mark.usefixtures("few_paths")
@@ -48,7 +48,7 @@ def test_reconstruct(dx, method, succeeds, photographs):
     np.save("y.npy", photographs[0])
     values = ("--scene", "chair", *SIZE, "-D", f"occluder_dx={dx}", "--method", method)
     succeeds("reconstruct", "y.npy", *values, "--out", "out")
-    scene = chair().at(occluder_dx=dx)
+    scene = chair(dx)
     y = ps.read_photograph("y.npy", scene.photograph_shape)
     fitted = scene.method(method, y)
     report = scene.judge(y, solution := fitted.solve(y), fitted)
