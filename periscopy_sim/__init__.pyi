@@ -14,7 +14,8 @@ from .dataset.make import make_dataset
 from .dataset.reading import open_dataset
 from .dataset.torch_dataset import TorchDataset
 from .errors import PeriscopyError
-from .evaluation.diagnostics import diagnose
+from .evaluation.design import design
+from .evaluation.diagnostics import analyze, diagnose
 from .evaluation.metrics import (
     colour_matched_psnr,
     gain_matched,
@@ -27,8 +28,9 @@ from .evaluation.study import sweep
 from .evaluation.sweep import Sweep, run_sweep
 from .evaluation.world import World, flips
 from .figures.display import save_png, show, to_srgb
+from .figures.laboratory.projections import draw
 from .hidden import Hidden, Surface
-from .laboratory.build import build_laboratory
+from .laboratory.build import build_laboratory, lab
 from .live.watch import watch
 from .measurement import Sensor, add_noise, composite
 from .methods import find_method
@@ -111,13 +113,16 @@ __all__ = [
     "add_bounces",
     "add_noise",
     "analytic_transport",
+    "analyze",
     "build_laboratory",
     "calibrate",
     "colour_matched_psnr",
     "composite",
     "defective_pixels",
+    "design",
     "develop",
     "diagnose",
+    "draw",
     "fetch",
     "find_image",
     "find_method",
@@ -125,6 +130,7 @@ __all__ = [
     "flips",
     "form_preconditioner",
     "gain_matched",
+    "lab",
     "load_configuration",
     "load_scenario",
     "load_scene",

@@ -15,7 +15,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.memo import Memo
-from periscopy_sim.numerics import Image
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.scene import CAMERA, Scene
@@ -183,6 +183,22 @@ class Scenario(Geometry):
         A: NDArray[np.float32] | BouncedTransport = self.memo(key, make, self._bytes)
         return A
 
+    def transport_of(
+        self, images: Array, noise: float
+    ) -> "tuple[float, NDArray[np.float32] | BouncedTransport]":
+        """Return the error of the light of some images, (K, N, C), and an A as fine as they need.
+
+        Small bright details err more than the white light that `plan` looks at.
+        """
+        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces
+        from periscopy_sim.rendering.transport.plan import planned_for
+
+        light, seed = self.light, self.seed
+        error, A = planned_for(images, self, noise, samples=light.samples, seed=seed)
+        if light.bounces == DIRECT:
+            return error, A
+        return error, add_bounces(self, A, light.bounces, seed=seed)
+
     # -- photographs -------------------------------------------------------------------------------
 
     def image(self, names: str | Path | Mapping[str, str]) -> Any:
@@ -329,14 +345,13 @@ class Scenario(Geometry):
             If it cannot be fitted.
         """
         from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
-        from periscopy_sim.model.noise import relative_noise
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
         source = source_sha256(name)  # rejects what is no method before anything is rendered
         if photograph is not None and not isinstance(photograph, Photograph):
             photograph = Photograph.of(photograph, self.photograph_shape)
         if noise is None and photograph is not None:
-            noise = relative_noise(photograph)
+            noise = self.noise(photograph)
         plan, conditions = self.plan(noise, name), photograph and photograph.conditions
         A, B = np.asarray(channels_mean(self.transport(noise, name))), self.B
 
@@ -357,6 +372,16 @@ class Scenario(Geometry):
         )
         entry = entry_of(name) or METHODS[DEFAULT]
         return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
+
+    @staticmethod
+    def noise(photograph: Photograph) -> float | None:
+        """Return the noise of a photograph over its mean, as its pixels show; None if they do not.
+
+        It is that of the channel with the least.
+        """
+        from periscopy_sim.model.noise import relative_noise
+
+        return relative_noise(photograph)
 
     def uncertainty(
         self,
@@ -480,8 +505,7 @@ class Scenario(Geometry):
             method if isinstance(method, StillMethod) else self.method(method, photograph)
         )
         report = fitted.report(photograph, solution) if report is None else report
-        found = self.hidden.images(solution.image)
-        images = {name: np.asarray(image, np.float64) for name, image in found.items()}
+        images = self.hidden.split(fitted.fit.mixed(solution.image))
         report, warnings = judgement.with_patches_tried(self, report, fitted, images), []
         if self.light.bounces == 1:
             warnings = judgement.check_bounces(self, fitted, images, photograph, self.seed)

@@ -10,8 +10,8 @@ import numpy as np
 from periscopy_sim.calibration.colours import VARIANCES
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.model.residual import percentages
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.words import percentages
 
 LEARNED = 0.5
 """Fraction of a prior's variance: where more remains, the ruler rather than the photograph

@@ -18,13 +18,13 @@ from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
-from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.limits import RANGES, in_range
+from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.rendering.photograph import excess_of
-from periscopy_sim.rendering.transport.bounced import bounces_in_words
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_image, find_scene
 from periscopy_sim.storage.formats.table import format_of
@@ -65,7 +65,7 @@ def sweep(
     out: str | Path | None = None,
     *,
     methods: Iterable[Name] | Mapping[str, Name] = COMPARED,
-    ambient: Iterable[str | Path] = PLACES,
+    ambient: Iterable[str | Path] | Mapping[str, Image] = PLACES,
     flips: bool = False,
     sbr: Iterable[float] = SBRS,
     snr: Iterable[float] = SNRS,
@@ -98,6 +98,7 @@ def sweep(
         Names, ``file.py:callable``, or callables of (scenario, A, B); a mapping gives them names.
     ambient
         Shipped conditions, ``all``, ``adversarial``, EXR files or folders of such; or ``none``.
+        A mapping has light of your own, (rows, columns, channels) in any unit, by name.
     flips
         Whether each ambient light is also flipped about each axis and about both (Sec. 4.1).
     sbr, snr
@@ -144,7 +145,13 @@ def sweep(
     require_all(*SWEEP, *libraries_of(*map(label_of, named.values())))
     for method in named.values():
         find_method(method)
-    lights, axes = conditions_of(ambient), {n: [*values] for n, values in (vary or {}).items()}
+    axes = {name: [*values] for name, values in (vary or {}).items()}
+    own = (
+        {n: np.asarray(b, float) for n, b in ambient.items()}
+        if isinstance(ambient, Mapping)
+        else {}
+    )
+    lights = dict.fromkeys(own) if isinstance(ambient, Mapping) else conditions_of(ambient)
     is_dark = DARK in lights
     of = {name: f"vary {name}" if name in axes else name for name in ("sbr", "snr")}
     if is_dark and "sbr" in axes:
@@ -162,7 +169,7 @@ def sweep(
         if len(shown) > 1:
             raise PeriscopyError("photograph: it shows one image; give that alone")
     shape = scenario.photograph_shape
-    measured = {n: read_photograph(p, shape, mask).values for n, p in lights.items() if p}
+    measured = own | {n: read_photograph(p, shape, mask).values for n, p in lights.items() if p}
     if is_dark:  # of an infinite SBR nothing is added
         flips, measured = False, {DARK: np.ones((*shape, 3))}
     light = scenario.light

@@ -28,7 +28,7 @@ FACET = 1.0
 change the light of patches of about their size by 0.14 %, more than its photographs' noise."""
 
 
-def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
+def lab(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
     """Write the scene of a measured laboratory, and beside it a PLY file for each of its meshes.
 
     Parameters
@@ -98,6 +98,9 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
                 copy = stack.enter_context(staged_file(file))
                 copyfile(trial.with_name(file.name), copy)
     return out, *files.values()
+
+
+build_laboratory = lab  # its former name
 
 
 def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:

@@ -4,7 +4,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import option
@@ -43,13 +42,10 @@ def analyze(
         session.check_scene()
         scenario = session.lit(light, strata="gauss")
         mask, monitor_off = session.companions()
-        A, B = session.transport(scenario), scenario.B
-        white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)  # the photograph of a screen
-        channels = next(iter(monitor_off.values()), white)
-        wall = ps.Photograph(np.broadcast_to(white, channels.shape), mask, monitor_off)
+        session.transport(scenario)
         with fixable(f"scene '{scenario.path}'"), progress("analyzing"):
-            result = diagnostics.diagnose(
-                A, B, wall.shape, scenario.hidden, photograph=wall, rank_tolerance=rank_tolerance
+            result, wall = diagnostics.analyze(
+                scenario, mask=mask, monitor_off=monitor_off, rank_tolerance=rank_tolerance
             )
         hidden = scenario.hidden
         bounds = hidden.images(result.bounds)

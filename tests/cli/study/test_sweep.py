@@ -129,8 +129,8 @@ def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_onc
     places = "occluder_dx=0", "occluder_dx=0.01"
     assert len({*rendered}) == 2 * 2 * 2 >= len(rendered) - 1  # one twice, which is timed
     assert {*Path("out").rglob("*.exr")} == {
-        Path("out", place, f"photograph_{name}.exr")
-        for place in places for name in ("bars", "mushroom")
+        Path("out", place, f"photograph_{name}_{snr}dB.exr")
+        for place in places for name in ("bars", "mushroom") for snr in (40, 60)
     }  # fmt: skip
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         psnr = results.psnr.squeeze()
@@ -174,8 +174,23 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
         assert results.background.values.tolist() == ["none"]
-    quieter = succeeds(*study, "--snr", "62", "--out", "out")  # photographs of less noise
-    assert "\nto make: 4 photographs, 8 matrices\n" in quieter
+    both = succeeds(*study, "--snr", "60,90", "--seeds", "2", "--out", "out")
+    assert "\nto make: 4 photographs\n" in both
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("first", ["--snr=30", "--snr=90"])
+def test_a_cell_has_one_photograph_whatever_ran_before(succeeds, first):
+    """With other SNRs before, a sweep's numbers are those of one in an empty folder."""
+    study = (
+        "sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--hidden-image", "bars",
+        "--ambient", "left.exr", "--sbr", "1", "--methods", "mine.py:Mine",
+    )  # fmt: skip
+    succeeds(*study, first, "--out", "resumed")
+    for out in ("resumed", "fresh"):
+        succeeds(*study, "--snr", "30,90", "--out", out)
+    resumed, fresh = (Path(out, "sweep.csv").read_text("utf-8") for out in ("resumed", "fresh"))
+    assert sorted(resumed.splitlines()) == sorted(fresh.splitlines())
 
 
 @pytest.mark.usefixtures("jit")
@@ -226,12 +241,12 @@ def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
              "--methods", "mine.py:Mine", "--out", "out")  # fmt: skip
     Image.new("RGB", (5, 4), "orange").save("mine.png")
     succeeds(*study)
-    orange = read_exr(Path("out/photograph_mine.exr"))[0]
+    orange = read_exr(Path("out/photograph_mine_60dB.exr"))[0]
     Image.new("RGB", (5, 4), "blue").save("mine.png")
     assert "image 'mine'" in refused(*study)
     shutil.rmtree("out/sweep.zarr")  # as a run that was stopped before its first result
     succeeds(*study)
-    blue = read_exr(Path("out/photograph_mine.exr"))[0]
+    blue = read_exr(Path("out/photograph_mine_60dB.exr"))[0]
     assert orange[..., 0].mean() > 5 * orange[..., 2].mean()
     assert blue[..., 2].mean() > 5 * blue[..., 0].mean()
 
