@@ -153,7 +153,7 @@ def sweep(
     )
     lights = dict.fromkeys(own) if isinstance(ambient, Mapping) else conditions_of(ambient)
     is_dark = DARK in lights
-    of = {name: f"vary {name}" if name in axes else name for name in ("sbr", "snr")}
+    of = {name: f"vary {name}=" if name in axes else f"{name} " for name in ("sbr", "snr")}
     if is_dark and "sbr" in axes:
         raise PeriscopyError(f"vary sbr: ambient {DARK} has no SBR; leave one of them out")
     ratios = axes.pop("sbr", [*sbr])
@@ -298,7 +298,7 @@ def _numbers(kind: str, name: str, values: Sequence[Any]) -> list[float]:
     for each in values:
         if not (isinstance(each, float | int | np.number) and in_range(kind, float(each))):
             limits = "{:g} to {:g}".format(*RANGES[kind])
-            raise PeriscopyError(f"{name} {each}: write numbers from {limits}, without units")
+            raise PeriscopyError(f"{name}{each}: write numbers from {limits}, without units")
     return [float(each) for each in values]
 
 
