@@ -1,8 +1,6 @@
 """The one door: from a scene's scenario come A, B, photographs, methods and judgements."""
 
-import hashlib
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -520,41 +518,42 @@ class Scenario(Geometry):
         return 4 * int(np.prod(self.transport_shape))
 
     @cached_property
-    def _wall_digest(self) -> str:
+    def _wall_digest(self) -> tuple[str, ...]:
         """What B depends on."""
-        view = self.view
-        seen = (getattr(view, each.name) for each in fields(view))
-        return _sha256(*(each for each in seen if isinstance(each, np.ndarray)))
+        return _sha256(_members(self.view))
 
     @cached_property
-    def _digest(self) -> str:
+    def _digest(self) -> tuple[Any, ...]:
         """What A depends on: the scene's files and values, the view and the patches."""
         from periscopy_sim.storage.outputs.provenance import scene_sha256
 
-        surfaces = [each for surface in self.hidden.values() for each in vars(surface).values()]
-        arrays = [each for each in surfaces if isinstance(each, np.ndarray)]
-        meshes = [e.vertices for e in self.view.occluders if e.vertices is not None]
-        names = [[e.name for e in self.view.occluders], self.view.camera, self.view.shape]
+        view, surfaces = self.view, self.hidden.items()
         document = scene_sha256(self.document) if self.document.files else ""
-        settings = [document, dict(self.parameters), names, self.hidden.shapes]
-        text = hashlib.sha256(json.dumps(settings).encode()).hexdigest()
-        return text + self._wall_digest + _sha256(*arrays, *meshes)
+        return (
+            *(document, *sorted(self.document.values.items()), view.camera, view.shape),
+            *((name, *_sha256(_members(surface))) for name, surface in surfaces),
+            *((each.name, *_sha256(_members(each))) for each in view.occluders),
+            *self._wall_digest,
+        )
 
     @property
-    def _light_key(self) -> Any:
+    def _light_key(self) -> tuple[Any, ...]:
         """What A and B depend on beside the scene."""
         light = self.light
-        own = tuple(None if B is None else _sha256(B) for B in light.ambient)
+        own = _sha256(light.ambient)
         return light.bounces, light.strata, own, None if light.matrix is None else light
 
 
-def _sha256(*arrays: NDArray[Any]) -> str:
-    """Return the digest of arrays' shapes, types and values."""
-    state = hashlib.sha256()
-    for array in arrays:
-        state.update(f"{array.shape} {array.dtype.str}".encode())
-        state.update(np.ascontiguousarray(array).data)
-    return state.hexdigest()
+def _members(value: Any) -> list[Any]:
+    """Return the fields' values of a dataclass, without what it has computed of them."""
+    return [getattr(value, each.name) for each in fields(value)]
+
+
+def _sha256(values: Iterable[Any]) -> tuple[str, ...]:
+    """Return the digests of those of some values that are arrays, and "" of others."""
+    from periscopy_sim.storage.outputs.provenance import array_sha256
+
+    return tuple(array_sha256(v) if isinstance(v, np.ndarray) else "" for v in values)
 
 
 def load_scenario(

@@ -101,27 +101,6 @@ class TransportPlan:
         return A
 
 
-def plan_transport(
-    scenario: Geometry,
-    noise: float = NOISE,
-    *,
-    by: By | None = None,
-    samples: int | None = None,
-    seed: int = 0,
-    budget: int | None = None,
-) -> TransportPlan:
-    """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
-
-    A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
-    a third of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
-    plan's error exceeds the noise where these are too few. `samples` asks for so many rays from the
-    centre of each pixel to each patch. An infinite noise takes the quickest way, of unknown error.
-    Errors and other parameters are those of `transport`; the seed is of the rays that measure the
-    error.
-    """
-    return planned(scenario, noise, by=by, samples=samples, seed=seed, budget=budget)[0]
-
-
 def planned(
     scenario: Geometry,
     noise: float = NOISE,
@@ -131,7 +110,17 @@ def planned(
     seed: int = 0,
     budget: int | None = None,
 ) -> tuple[TransportPlan, NDArray[np.float32] | None]:
-    """Return the plan of `plan_transport`, and its A if the choice took all of it."""
+    """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
+
+    Return the plan, and its A if the choice took all of it.
+
+    A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
+    a third of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
+    plan's error exceeds the noise where these are too few. `samples` asks for so many rays from the
+    centre of each pixel to each patch. An infinite noise takes the quickest way, of unknown error.
+    Errors and other parameters are those of `transport`; the seed is of the rays that measure the
+    error.
+    """
     if not noise >= 0:
         raise InputError(f"the noise is {noise}; give a number from 0 on")
     noise = max(noise, PRECISION)
