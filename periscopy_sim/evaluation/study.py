@@ -154,7 +154,7 @@ def sweep(
     )
     lights = dict.fromkeys(own) if isinstance(ambient, Mapping) else conditions_of(ambient)
     is_dark = DARK in lights
-    of = {name: f"vary {name}" if name in axes else name for name in ("sbr", "snr")}
+    of = {name: f"vary {name}=" if name in axes else name for name in ("sbr", "snr")}
     if is_dark and "sbr" in axes:
         raise PeriscopyError(f"vary sbr: ambient {DARK} has no SBR; leave one of them out")
     ratios = axes.pop("sbr", sbr)

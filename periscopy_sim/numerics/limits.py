@@ -70,7 +70,8 @@ def checked(name: str, values: Any, kind: str) -> list[float]:
         try:
             numbers.append(checked_number(each, name, *RANGES[kind]))
         except InputError as error:
-            raise PeriscopyError(f"{name} {each}: {str(error).partition(': ')[2]}") from error
+            named = f"{name}{each}" if name.endswith("=") else f"{name} {each}"
+            raise PeriscopyError(f"{named}: {str(error).partition(': ')[2]}") from error
     return numbers
 
 

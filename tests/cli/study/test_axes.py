@@ -7,7 +7,7 @@ from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 
 def ratios_of(text):
-    return _numbers("ratio", "sbr", parse_values(text, "sbr"))
+    return _numbers("ratio", "sbr ", parse_values(text, "sbr"))
 
 
 def test_axes_are_numbers_or_words_each_named_once():
