@@ -2,7 +2,7 @@
 
 A websocket accepts connections from every page that the browser shows. The gate asks for the page's
 own Host and Origin and for the token in the page's address, and it passes on a message only if the
-page offers what the message asks for. Rejections are logged, at most one line a second.
+page offers what the message asks for.
 """
 
 import asyncio
@@ -12,7 +12,6 @@ import json
 import logging
 import secrets
 import socket
-import time
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
@@ -62,17 +61,14 @@ class Gate:
     """The server of a page: a listening socket, a token, and the state that all viewers see.
 
     It listens as `listen` does. `receive` takes a message of a viewer, decoded, and raises a
-    ValueError if the page offers nothing like it; `leave` is called when a viewer is gone. Both are
-    called in the server's thread, and must be quick. `token` begins every path that the server
-    serves, `rejected` counts connections and messages.
+    ValueError if the page offers nothing like it; it is called in the server's thread, and must be
+    quick. `token` begins every path that the server serves, `rejected` counts connections and
+    messages, which the log names.
     """
 
-    def __init__(
-        self, host: str, port: int, receive: Callable[[Any], None], leave: Callable[[], None]
-    ) -> None:
+    def __init__(self, host: str, port: int, receive: Callable[[Any], None]) -> None:
         self._host, self.token = host, secrets.token_urlsafe(16)
-        self._receive, self._leave = receive, leave
-        self.rejected, self._logged, self._last_line = 0, 0, -1.0
+        self._receive, self.rejected = receive, 0
         self._socket = listen(host, port)
         bound, self.port, *_ = self._socket.getsockname()
         self._address = ipaddress.ip_address(bound)
@@ -146,10 +142,9 @@ class Gate:
                 try:
                     self._receive(json.loads(message))
                 except (ValueError, RecursionError) as error:
-                    self.reject(f"a message that no control sends: {error}")
+                    self._reject(f"a message that no control sends: {error}")
         finally:
             news.cancel()
-            self._leave()
 
     async def _send_news(self, viewer: ServerConnection) -> None:
         sent = 0
@@ -166,7 +161,7 @@ class Gate:
     def _answer(self, viewer: ServerConnection, request: Request) -> Response | None:
         """Answer an HTTP request; None lets a websocket in."""
         if fault := self._fault_of_request(request):
-            self.reject(fault)
+            self._reject(fault)
             return viewer.respond(HTTPStatus.FORBIDDEN, f"{fault}\n")
         if "Upgrade" in request.headers:
             return None
@@ -206,11 +201,6 @@ class Gate:
             return name in own or bool(ipaddress.ip_address(name).packed)
         return False
 
-    def reject(self, fault: str) -> None:
-        """Log a rejection, and how many others since the last line, which is a second old."""
+    def _reject(self, fault: str) -> None:
         self.rejected += 1
-        if time.monotonic() - self._last_line >= 1:
-            others = self.rejected - self._logged - 1
-            more = f" and {others} others" if others else ""
-            LOG.warning("the page dropped %.200s%s", ascii(fault), more)
-            self._logged, self._last_line = self.rejected, time.monotonic()
+        LOG.info("the page dropped %.200s", ascii(fault))

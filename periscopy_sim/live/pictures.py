@@ -55,16 +55,19 @@ class Choice:
 
 
 class Overtaken(Exception):  # noqa: N818  nothing is wrong
-    """A newer wish came."""
+    """A newer choice came."""
+
+
+Check = Callable[..., None]
+"""Raises `Overtaken` if a newer choice came, whatever its arguments."""
 
 
 @dataclass(frozen=True, eq=False)
 class LivePictures:
     """A laboratory's photograph and its reconstruction, (R, C, 3), of several surfaces by id.
 
-    `scenario` has the values of the choice, which the method believes. `truth` and `psnr` (dB,
-    gain-matched) are None where the hidden image is unknown; `report` is the method's, of a given
-    photograph with its residual.
+    `scenario` has the values of the choice, which the method believes. `truth` is None where the
+    hidden image is unknown; `report` is the method's, of a given photograph with its residual.
     """
 
     choice: Choice
@@ -73,36 +76,51 @@ class LivePictures:
     truth: Any
     photograph: Photograph
     image: Any
-    psnr: float | None
     report: Report
     seconds: float = 0.0
     frame: int | None = None  # the number of a frame of a stream
 
+    @cached_property
+    def psnr(self) -> float | None:
+        """Gain-matched, the mean over the surfaces, in dB; None where the image is unknown."""
+        if self.truth is None:
+            return None
+        images, truths = map(self.scenario.hidden.images, (self.image, self.truth))
+        return float(np.mean([psnr_gain_matched(images[name], truths[name]) for name in truths]))
+
 
 @dataclass(frozen=True, eq=False)
-class FrameMethod:
-    """A method that is formed for a choice and for photographs under the conditions of `wall`."""
+class FittedChoice:
+    """A choice with the method that is fitted for it, and for photographs like `photograph`."""
 
     choice: Choice
     scenario: Scenario
     is_coarse: bool
     truth: Any  # the hidden image; None where it is unknown
     method: StillMethod[Any]
-    wall: Photograph  # of the scenario's size
+    photograph: Photograph  # of the scenario's size
     notes: Sequence[Note]  # on A, and on the errors that the scene states
+    begun: float  # by `time.perf_counter`
+
+    def pictures(self) -> LivePictures:
+        """Return the pictures of the photograph, with all that the method reports."""
+        hidden, photograph = self.scenario.hidden, self.photograph
+        with own_errors(self.choice.method, "failed"):
+            solution = self.method.solve(photograph)
+            found = hidden.images(solution.image).items()
+            image = hidden.unwrapped({name: f.astype(np.float32) for name, f in found})
+            report = self.method.report(photograph, solution)
+        residual = None if self.choice.image else report.residual
+        report = replace(report, warnings=[*report.warnings, *self.notes], residual=residual)
+        return self._pictures(photograph, image, report, self.begun)
 
     @cached_property
-    def _follow(self) -> Callable[[Array], Solution[Any]]:
-        """What recovers the next frame: quickly, where the method knows videos."""
+    def _follow(self) -> Callable[[Array], Solution[Any]] | None:
+        """What recovers the next frame quickly; None for a method that knows no videos."""
         entry = METHODS.get(self.choice.method)
         if entry is None or entry.video is None:
-            return self.method.solve
+            return None
         return entry.frames_by(self.method, "none").solve_next
-
-    @property
-    def may_judge(self) -> bool:
-        """Whether `judge` says more than `see`, from another thread."""
-        return self._follow != self.method.solve and self.method.judges_scene
 
     def see(self, frame: Photograph, noise: float, number: int) -> LivePictures:
         """Return the pictures of a frame, (rows, columns, C), of this size or a larger one.
@@ -110,23 +128,26 @@ class FrameMethod:
         `noise` is what is left of the camera's, over the light. Of a method for videos, nothing is
         corrected and the residual has no verdict.
         """
-        start, values = time.perf_counter(), self._values(frame)
+        begun, values = time.perf_counter(), self._values(frame)
         with own_errors(self.choice.method, "failed"):
-            solution = self._follow(values)
-            if self._follow == self.method.solve:
+            if self._follow is None:
+                solution = self.method.solve(values)
                 residual = self.method.residual(values, solution)
             else:
+                solution = self._follow(values)
                 y = self.method.corrected(values, solution)
                 residual = quick_residual(y, solution.image, noise, self.method.fit)
-        return LivePictures(
-            self.choice, self.scenario, self.is_coarse, None,
-            Photograph(values, self.wall.mask), solution.image, None,
-            Report(solution.numbers(), residual=residual),
-            time.perf_counter() - start, number,
-        )  # fmt: skip
+        report = Report(solution.numbers(), residual=residual)
+        light = Photograph(values, self.photograph.mask)
+        return self._pictures(light, solution.image, report, begun, number)
 
-    def judge(self, frame: Photograph) -> Report:
-        """Return the report of the method for single photographs, with its verdict, on one core."""
+    def judge(self, frame: Photograph) -> Report | None:
+        """Return the report of the method for single photographs, with its verdict, on one core.
+
+        None where `see` says as much.
+        """
+        if self._follow is None or not self.method.judges_scene:
+            return None
         values = self._values(frame)
         with own_errors(self.choice.method, "failed"), one_thread():
             return StillMethod.report(self.method, values, self.method.solve(values))
@@ -134,71 +155,50 @@ class FrameMethod:
     def _values(self, frame: Photograph) -> Array:
         """Return a frame's light at this size, black where it is not used."""
         frame = averaged_photograph(frame, self.scenario.photograph_shape)
-        return blackened(frame.values, self.wall.mask)
+        return blackened(frame.values, self.photograph.mask)
+
+    def _pictures(
+        self, light: Photograph, image: Any, report: Report, begun: float, number: int | None = None
+    ) -> LivePictures:
+        seconds = time.perf_counter() - begun
+        return LivePictures(
+            self.choice, self.scenario, self.is_coarse, self.truth, light, image, report, seconds,
+            number,
+        )  # fmt: skip
 
 
 class SizedLaboratory:
     """A laboratory whose photograph and hidden image have the sizes of a scenario.
 
-    `light` is the ambient light of the choice's place, (rows, columns, 3), `photograph` a given
-    one, None for synthetic ones, of this size or a larger one; `seed` is of A's rays. At its full
-    size it fits a method as `reconstruct` does. A level keeps its last results, and computes only
+    `photograph` is or returns the given one, of this size or a larger one, None for synthetic
+    ones; `light` is the ambient light of the choice's place, (rows, columns, 3). At its full size
+    the laboratory fits a method as `reconstruct` does; `noise` is that of photographs to come, None
+    for that of the given one, `seed` of A's rays. It keeps its last results, and computes only
     those anew whose choices changed.
     """
 
     def __init__(
         self,
         scenario: Scenario,
+        photograph: Photograph | Callable[[], Photograph] | None = None,
         light: Array | None = None,
-        photograph: Photograph | None = None,
         *,
         is_coarse: bool,
+        noise: float | None = None,
         seed: int = 0,
     ) -> None:
-        self.scenario, self.is_coarse, self._seed = scenario, is_coarse, seed
-        shape = scenario.photograph_shape
-        self._light = None if light is None else area_average(light, shape)
-        self._given_photograph = photograph and averaged_photograph(photograph, shape)
+        self.scenario, self.is_coarse, self._noise, self._seed = scenario, is_coarse, noise, seed
+        self._light = None if light is None else area_average(light, scenario.photograph_shape)
+        self._photograph = photograph
         self._kept: dict[str, tuple[object, Any]] = {}
 
-    def pictures(
-        self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
-    ) -> LivePictures:
-        """Compute the pictures of a choice; a PeriscopyError says what of it does not exist.
-
-        It often calls `unless_overtaken`, with any arguments, which may raise `Overtaken`. A
-        photograph `wall` becomes the given one.
-        """
-        start = time.perf_counter()
-        if wall is not None:
-            self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
-        formed = self.form(choice, unless_overtaken)
-        scenario, method, photograph = formed.scenario, formed.method, formed.wall
-        with own_errors(choice.method, "failed"):
-            solution = method.solve(photograph)
-            found = scenario.hidden.images(solution.image).items()
-            image = scenario.hidden.unwrapped({n: f.astype(np.float32) for n, f in found})
-            report = method.report(photograph, solution)
-            if self._given_photograph is None:
-                report = replace(report, residual=None)
-        report = replace(report, warnings=[*report.warnings, *formed.notes])
-        unless_overtaken()
-        return LivePictures(
-            choice, scenario, self.is_coarse, formed.truth, photograph, image,
-            None if formed.truth is None else self._psnr(image, formed.truth),
-            report, seconds=time.perf_counter() - start,
-        )  # fmt: skip
-
-    def form(
-        self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
-    ) -> FrameMethod:
-        """Form the method of a choice; an average of frames, `wall`, becomes the photograph."""
-        if wall is not None:
-            self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
+    def fit(self, choice: Choice, check: Check = lambda *_: None) -> FittedChoice:
+        """Fit the method of a choice; a PeriscopyError says what of it does not exist."""
+        begun = time.perf_counter()
 
         def kept(name: str, key: object, make: Callable[[], Any]) -> Any:
             """Return what `make` makes; that of before while its key is the same."""
-            unless_overtaken()
+            check()
             if name not in self._kept or self._kept[name][0] != key:
                 self._kept.pop(name, None)  # before another takes as much memory
                 self._kept[name] = key, make()
@@ -206,13 +206,18 @@ class SizedLaboratory:
 
         values = tuple(choice.values.values())
         given = {name: f"{value:.9g}" for name, value in choice.values.items()}
-        scenario = kept("scenario", values, lambda: self.scenario.at(**given))
-        entry, truth, photograph = METHODS.get(choice.method), None, self._given_photograph
-        if photograph is None:
+        scenario: Scenario = kept("scenario", values, lambda: self.scenario.at(**given))
+        truth, noise = None, self._noise
+        if choice.image:
+            path = find_image(choice.image)
+            truth = kept("f", path, lambda: self._shown(path))
+        if self._photograph is not None:
+            whole = self._photograph() if callable(self._photograph) else self._photograph
+            photograph = averaged_photograph(whole, scenario.photograph_shape)
+            noise = relative_noise(photograph) if noise is None else noise
+        elif noise is None:
             noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
-        else:  # averages of frames to come have less than the present one
-            known = None if wall is not None else relative_noise(photograph)
-            noise = NOISE if known is None else known
+        noise = NOISE if noise is None else noise
 
         def transport(name: str) -> tuple[TransportPlan, Any]:
             """Return A for a method, and its plan."""
@@ -220,44 +225,38 @@ class SizedLaboratory:
             plan = kept(f"plan {of}", (values, noise), lambda: self._plan(name, scenario, noise))
             return plan, kept(
                 f"A {of}", (values, plan),
-                lambda: plan.transport(scenario, seed=self._seed, progress=unless_overtaken),
+                lambda: plan.transport(scenario, seed=self._seed, progress=check),
             )  # fmt: skip
 
-        if choice.image:
-            path = find_image(choice.image)
-            truth = kept("f", path, lambda: self._shown(path))
-        if photograph is None:
+        if self._photograph is None:
             photograph = self._expose(choice, truth, scenario, transport(DEFAULT)[1])
         plan, A = transport(choice.method)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
         # The effect of a scene's errors takes as long as all else, too long for a hand that moves.
-        counts = entry is not None and entry.uncertain and not self.is_coarse
-        uncertain, notes = scene_uncertainty(scenario) if counts else (None, list[Note]())
+        entry, uncertain, notes = METHODS.get(choice.method), None, list[Note]()
+        if entry is not None and entry.uncertain and not self.is_coarse:
+            uncertain, known = kept("errors", values, lambda: scene_uncertainty(scenario))
+            notes = [*known]
 
         def fitted() -> StillMethod[Any]:
             method = fit_method(choice.method, scenario, A, B, photograph, uncertain)
             check_rank(method, scenario, plan.samples, photograph.pixels, self._seed)
             return method
 
-        key = choice.method, values, plan, photograph.conditions
-        method = kept("method", key, fitted)
-        unless_overtaken()
+        method = kept("method", (choice.method, values, plan, photograph.conditions), fitted)
+        check()
         if plan.error > max(noise, PRECISION):
             errors = {"error": 100 * plan.error, "noise": 100 * noise, "model": plan.by}
             notes.append(Note("transport_error", {"name": "A", **errors}))
-        return FrameMethod(choice, scenario, self.is_coarse, truth, method, photograph, notes)
+        return FittedChoice(
+            choice, scenario, self.is_coarse, truth, method, photograph, notes, begun
+        )
 
     def _shown(self, path: Path) -> Any:
         """Return an image that every hidden surface shows."""
         hidden = self.scenario.hidden
         shapes = hidden.shapes.items()
         return hidden.unwrapped({name: read_hidden_image(path, shape) for name, shape in shapes})
-
-    def _psnr(self, image: Any, truth: Any) -> float:
-        """Return the mean over the surfaces, in dB."""
-        hidden = self.scenario.hidden
-        images, truths = hidden.images(image), hidden.images(truth)
-        return float(np.mean([psnr_gain_matched(images[name], truths[name]) for name in hidden]))
 
     def _plan(self, name: str, scenario: Scenario, noise: float) -> TransportPlan:
         """Choose how A is made: at the coarse size in the quickest way, whatever its error."""

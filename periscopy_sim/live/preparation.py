@@ -1,28 +1,24 @@
 """From a camera's frames to photographs in the pixels of a scene's camera, averaged as they come.
 
-`Preparation` keeps what frames of one size have in common; `PreparedFrames` averages them.
+`Preparation` keeps what frames of one size have in common; `RunningAverage` averages them.
 """
 
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.live.frames import CameraFrame
+from periscopy_sim.live.frames import CameraFrame, finite
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import ColourMatrix, Photograph, blackened
 from periscopy_sim.photographs.defects import gaussian_spread
-from periscopy_sim.photographs.develop import SensorImage, check_same_size, sensor_image
+from periscopy_sim.photographs.develop import SensorImage, check_same_size
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.photographs.prepare import film_areas, used_pixels
 from periscopy_sim.photographs.resampling import AreaMap, Flaw
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.formats.decoding import LINEAR
-from periscopy_sim.storage.formats.srgb import srgb_light
 
 EXPOSURE = 0.05
 """Change of the light's logarithm, the same in all pixels, that counts as another exposure."""
@@ -59,14 +55,6 @@ class Companions:
     colour_matrix: ColourMatrix | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class PreparedFrame:
-    """A frame in the film's pixels: (rows, columns, C) linear light, and where it is saturated."""
-
-    values: Array
-    saturated: Mask
-
-
 class Preparation:
     """What frames of one camera and size have in common, found in the first frame.
 
@@ -77,19 +65,8 @@ class Preparation:
     """
 
     def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
-        self.shape, self.colour_matrix = first.pixels.shape, companions.colour_matrix
-        decoded = list[str]()
-        if isinstance(first.values, SensorImage):
-            light = first.values
-        else:
-            table = _table(first.values.dtype, first.encoding)
-            light = sensor_image(table[first.values], "the frame", np.inf, first.saturated)
-            curve = (
-                "decoded by the sRGB curve; if the camera sends linear light, declare them linear"
-            )
-            how = "taken as linear light" if first.encoding == LINEAR else curve
-            decoded.append(f"{8 * first.values.dtype.itemsize}-bit frames, {how}")
-        areas = film_areas(light, scenario, companions.marks, companions.mask)
+        self.shape, self.colour_matrix = first.values.shape, companions.colour_matrix
+        areas = film_areas(first.light, scenario, companions.marks, companions.mask)
         self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
         self.mask = used_pixels(self._areas.kinds | areas.excluded)
         self._offset: Array | float = companions.black
@@ -101,60 +78,42 @@ class Preparation:
             else self._averaged(each, name) - self._offset
             for name, each in companions.monitor_off.items()
         }
-        self.warnings = *areas.warnings, *decoded
-        film = areas.film
-        self.record = {} if film is None else film.view.record(film.placement)
+        self.warnings = areas.warnings
+        self.record = areas.film.view.record(areas.film.placement) if areas.film else {}
 
-    def __call__(self, frame: CameraFrame) -> PreparedFrame:
+    def __call__(self, frame: CameraFrame) -> SensorImage:
         """Return a frame in the film's pixels."""
-        if isinstance(frame.values, SensorImage):
-            values = self._areas.average(frame.values.values)
-            saturated = self._areas.average(frame.values.saturated[..., None].astype(np.float32))
-            full = saturated[..., 0] > 0
-        else:
-            table = _table(frame.values.dtype, frame.encoding)
-            light, full = self._areas.average_codes(frame.values, table, frame.full)
-            values = light.astype(np.float64)
-        return PreparedFrame(values - self._offset, full & self.mask)
+        return finite(self._areas.average(frame.values, frame.table) - self._offset)
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:
         check_same_size(picture.values.shape, self.shape, name)
         return self._areas.average(picture.values)
 
 
-@cache
-def _table(codes_dtype: np.dtype[np.unsignedinteger], encoding: str) -> NDArray[np.float32]:
-    """Return the light of each code: 1 for the largest sRGB code, a linear code itself."""
-    codes = np.arange(np.iinfo(codes_dtype).max + 1, dtype=codes_dtype)
-    light = codes if encoding == LINEAR else srgb_light(codes)
-    return light.astype(np.float32)
-
-
-class PreparedFrames:
+class RunningAverage:
     """The running average of prepared frames, with the noise that it leaves.
 
-    The average forgets exponentially; the first frames are averaged evenly. It starts anew when the
-    exposure changes. `wall` is a `Photograph` with the mask and the photographs with the monitor
-    off: a new object whenever these change, with the average of that time.
+    It forgets exponentially; the first frames are averaged evenly. It starts anew when the exposure
+    changes. `wall` is a `Photograph` with the mask and the photographs with the monitor off: a new
+    object whenever these change, with the average of that time.
     """
 
-    _first: PreparedFrame  # of the average
-    _latest: PreparedFrame
+    _first: SensorImage  # of the average
+    _latest: SensorImage
 
     def __init__(self, prepare: Preparation, page_off: Array | None = None) -> None:
-        self.prepare, self._mask, self.page_off = prepare, prepare.mask, page_off
-        self._variance = 0.0  # of a frame's noise, over the square of the mean light
-        self._differences = 0
+        self.prepare, self.page_off = prepare, page_off
         self.wall: Photograph | None = None
+        self._variance, self._differences = 0.0, 0  # of a frame's noise over the mean light
         self._restart()
 
     def _restart(self) -> None:
         self.average: Array | None = None
         self._share, self._frames = 1.0, 0  # of a frame's variance in the average; frames in it
-        self._saturated, self._reported = np.zeros(self._mask.shape, bool), 0
-        self._due = 0.0  # when the mask may change
+        self._mask = self.prepare.mask  # without pixels that were saturated
+        self._due = 0.0  # when the mask of `wall` may change
 
-    def add(self, frame: PreparedFrame, count: int = 1) -> list[str]:
+    def add(self, frame: SensorImage, count: int = 1) -> list[str]:
         """Average one frame more; return what a person should know, one line each.
 
         The average leaves as little noise as the mean of `count` frames.
@@ -169,16 +128,14 @@ class PreparedFrames:
                 f"the light is {times:.3g} times what it was, and the average starts anew: fix "
                 "exposure and gain, and expose for whole periods of lamps that flicker"
             )
-        new = frame.saturated & ~self._saturated
-        if new.any():
-            self._saturated = self._saturated | new
-            if (many := int(np.count_nonzero(self._saturated))) >= 2 * self._reported:
-                self._reported = many
-                of = f"{many} of {self._mask.sum()} pixels"
-                lines.append(f"saturated: {of} are left out; shorten the exposure")
+        if (frame.saturated & self._mask).any():
+            self._mask = self._mask & ~frame.saturated
+            every = self.prepare.mask.sum()
+            of = f"{every - self._mask.sum()} of {every} pixels"
+            lines.append(f"saturated: {of} are left out; shorten the exposure")
         if self.average is None:
-            self.average, self._first = frame.values, frame
-        else:
+            self.average, self._first = frame.values.astype(np.float64), frame
+        elif self._mask.any():
             self._measure_noise(frame)
         self._frames += 1
         weight = 1 / min(self._frames, (count + 1) / 2)
@@ -187,19 +144,18 @@ class PreparedFrames:
         self.average = self.average + weight * known * (frame.values - self.average)
         self._share = (1 - weight) ** 2 * self._share + weight**2
         self._latest = frame
-        mask = self._mask & ~self._saturated
-        if not mask.any():
+        if not self._mask.any():
             self._restart()
             self.wall = None
             raise PhotographError("all pixels are saturated or masked; shorten the exposure")
-        is_other = self.wall is None or not np.array_equal(mask, self.wall.pixels)
+        is_other = self.wall is None or not np.array_equal(self._mask, self.wall.pixels)
         if is_other and time.monotonic() >= self._due:
             self._make_wall(self.average)
         return lines
 
-    def _change(self, before: PreparedFrame, frame: PreparedFrame) -> float:
+    def _change(self, before: SensorImage, frame: SensorImage) -> float:
         """Return the factor of the exposure since a frame before; 0 if it is the same."""
-        used = self._mask & ~self._saturated & ~frame.saturated
+        used = self._mask & ~frame.saturated
         step = max(1, min(used.shape) // LINES)
         few = np.s_[::step, ::step]
         old, new = (each.values[few][used[few]].mean(axis=-1) for each in (before, frame))
@@ -212,12 +168,9 @@ class PreparedFrames:
         is_other = abs(change) > EXPOSURE and spread < EVEN * abs(change)
         return float(np.exp(change)) if is_other else 0.0
 
-    def _measure_noise(self, frame: PreparedFrame) -> None:
-        used = self._mask & ~self._saturated
-        if not used.any():
-            return
-        difference = (frame.values - self._latest.values)[used]
-        level = float(np.mean(frame.values[used])) or 1.0
+    def _measure_noise(self, frame: SensorImage) -> None:
+        difference = (frame.values - self._latest.values)[self._mask].astype(np.float64)
+        level = float(np.mean(frame.values[self._mask])) or 1.0
         # A median, since the hidden picture may move; two frames' noise differ.
         variance = (gaussian_spread(difference) / level) ** 2 / 2
         self._differences += 1
@@ -240,24 +193,24 @@ class PreparedFrames:
 
     def photograph(self) -> Photograph | None:
         """Return the average under the conditions of `wall`; None where there is none yet."""
-        wall, average = self.wall, self.average
-        if wall is None or average is None:
+        if self.wall is None or self.average is None:
             return None
-        return replace(wall, values=average)  # a method formed before may use more pixels
+        return replace(self.wall, values=self.average)  # a method fitted before may use more pixels
 
-    def toggle_monitor_off(self) -> None:
-        """Make the present average a photograph with the monitor off, or drop a former one."""
+    def toggle_monitor_off(self) -> Photograph | None:
+        """Make the average a photograph with the monitor off, or drop a former one; return it."""
         if self.average is not None:
             self.page_off = self.average if self.page_off is None else None
             self._make_wall(self.average)
+        return self.photograph()
 
     def _make_wall(self, average: Array) -> None:
-        mask, off = self._mask & ~self._saturated, dict(self.prepare.monitor_off)
+        off = dict(self.prepare.monitor_off)
         if self.page_off is not None:
             off[TAKEN] = self.page_off
         self.wall = Photograph.of(
-            blackened(average, mask), name="the frames", mask=mask,
-            monitor_off={name: blackened(each, mask) for name, each in off.items()},
+            blackened(average, self._mask), name="the frames", mask=self._mask,
+            monitor_off={name: blackened(each, self._mask) for name, each in off.items()},
             colour_matrix=self.prepare.colour_matrix,
         )  # fmt: skip
         self._due = time.monotonic() + STEADY

@@ -28,7 +28,7 @@ def level():
     """Make the plate's laboratory at a small size, with some light and a photograph."""
 
     def make(light=None, photograph=None):
-        return SizedLaboratory(plate(), light, photograph, is_coarse=True)
+        return SizedLaboratory(plate(), photograph, light, is_coarse=True)
 
     return make
 

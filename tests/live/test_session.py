@@ -6,7 +6,7 @@ import pytest
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.pictures import Overtaken
-from periscopy_sim.live.session import LiveLaboratory
+from periscopy_sim.live.session import Follower
 
 PATIENCE = 120.0
 
@@ -20,11 +20,11 @@ class Picture:
 class StandIn:
     """A level that takes its time, and looks now and then whether it is overtaken."""
 
-    def __init__(self, *, is_coarse, seconds=0.0):
-        self.is_coarse, self.seconds = is_coarse, seconds
+    def __init__(self, shown, *, is_coarse, seconds=0.0):
+        self.shown, self.is_coarse, self.seconds = shown, is_coarse, seconds
         self.begun, self.given_up = [], []
 
-    def pictures(self, choice, unless_overtaken):
+    def follow(self, choice, unless_overtaken):
         self.begun.append(choice)
         if isinstance(choice, Exception):
             raise choice
@@ -36,7 +36,7 @@ class StandIn:
                 self.given_up.append(choice)
                 raise
             time.sleep(0.002)
-        return Picture(choice, self.is_coarse)
+        self.shown.append(Picture(choice, self.is_coarse))
 
 
 class Watched:
@@ -44,11 +44,9 @@ class Watched:
 
     def __init__(self, coarse=0.0, full=0.0):
         self.shown, self.reported = [], []
-        self.coarse = StandIn(is_coarse=True, seconds=coarse)
-        self.full = StandIn(is_coarse=False, seconds=full)
-        self.laboratory = LiveLaboratory(
-            self.coarse.pictures, self.full.pictures, self.shown.append, self.reported.append
-        )
+        self.coarse = StandIn(self.shown, is_coarse=True, seconds=coarse)
+        self.full = StandIn(self.shown, is_coarse=False, seconds=full)
+        self.laboratory = Follower(self.coarse.follow, self.full.follow, self.reported.append)
         self.thread = threading.Thread(target=self.laboratory.run)
         self.thread.start()
 
@@ -114,16 +112,28 @@ def test_what_cannot_be_shown_is_reported_and_the_laboratory_goes_on(watched):
     assert w.reported[-1] == ""
 
 
-def test_full_pictures_are_saved_once_they_are_shown(watched):
-    w = watched(full=0.2)
-    saved = []
-    w.laboratory.want("here", 60.0)
-    w.laboratory.save(saved.append)
-    w.until(lambda: saved)
-    assert saved == [Picture("here", False)] == w.shown[-1:]
+def test_a_choice_that_is_done_in_full_is_followed_in_full_alone(watched):
+    w = watched()
+    w.laboratory.want("here")
+    w.until(lambda: Picture("here", False) in w.shown)
+    w.laboratory.want()
+    w.until(lambda: len(w.shown) > 2)
+    assert w.shown == [Picture("here", True)] + [Picture("here", False)] * 2
+    w.laboratory.want("there")
+    w.until(lambda: Picture("there", False) in w.shown)
+    assert w.shown[3] == Picture("there", True)
 
-    def full_disk(_):
+
+def test_a_job_waits_for_full_pictures_which_do_not_wait(watched):
+    w = watched(full=0.2)
+    shown = []
+    w.laboratory.want("here", 60.0)
+    w.laboratory.at_rest(lambda: shown.extend(w.shown))
+    w.until(lambda: shown)
+    assert shown[-1] == Picture("here", False)
+
+    def full_disk():
         raise PeriscopyError("disk full")
 
-    w.laboratory.save(full_disk)
+    w.laboratory.at_rest(full_disk)
     w.until(lambda: w.reported[-1] == "disk full")

@@ -84,7 +84,7 @@ def view(
             session.scenario, Choice({}, image, ambient or "", method=method),
             shipped if photo is None else [], installed_methods(),
             lambda pictures: write_view(out, session, pictures, photo),
-            report_sentences, light=light, photograph=wall, host=host, port=port,
+            report_sentences, photograph=wall, light=light, host=host, port=port,
         )  # fmt: skip
     serve(live, session.path.name)
 
@@ -131,7 +131,9 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
             signal.signal(number, handler)
 
 
-def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Path | None) -> str:
+def write_view(
+    out: Path, session: Session, pictures: "LivePictures", photo: Path | None = None
+) -> str:
     """Write pictures and their scene to a folder, in place of former ones; return what to say."""
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
     photograph = pictures.photograph.values
