@@ -40,10 +40,9 @@ COUNT = """() => {
 def live(_: Setting) -> Section:
     """Drag the chair on the page, and count the pictures that come."""
     scene, first, before = ps.load_scenario("chair", SMALL), Choice({}, "mushroom"), os.getloadavg()
-    offered = ["mushroom"], ["noise-aware"], lambda _: "", lambda _: []
     with (
         chromium() as browser,
-        LiveSession(scene, first, *offered) as session,
+        LiveSession(scene, first, lambda _: "", lambda _: []) as session,
         running(session),
     ):
         page = visit(session, browser)

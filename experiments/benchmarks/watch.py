@@ -81,8 +81,8 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
     with (
         chromium() as browser,
         WatchSession(
-            open_source(camera(pictures)), scene, "noise-aware", ["noise-aware"], lambda _: "",
-            lambda _: [], companions=Companions(points), count=30, record=record,
+            open_source(camera(pictures)), scene, "noise-aware", lambda _: "", lambda _: [],
+            companions=Companions(points), count=30, record=record,
         ) as session,
         running(session),
     ):  # fmt: skip

@@ -15,7 +15,7 @@ from functools import cache, partial
 from itertools import count
 from pathlib import Path
 from threading import Event
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,14 +71,9 @@ class CameraFrame:
     def light(self) -> SensorImage:
         """The frame as linear light, and where it is saturated."""
         values = self.values if self.table is None else self.table[self.values]
-        return finite(values, self.cell)
-
-
-def finite(values: NDArray[np.floating], cell: int = 1) -> SensorImage:
-    """Return light whose saturated pixels are infinite with the largest finite light there."""
-    full = np.isinf(values)
-    largest = np.max(values, where=~full, initial=0)
-    return SensorImage(np.where(full, largest, values).astype(np.float32), full.any(axis=2), cell)
+        full = np.isinf(values)
+        values = np.where(full, np.max(values, where=~full, initial=0), values)
+        return SensorImage(values.astype(np.float32), full.any(axis=2), self.cell)
 
 
 @cache
@@ -98,20 +93,16 @@ def light_of_codes(
 class Latest(Generic[Item]):
     """The latest item between two threads: a newer one replaces it.
 
-    Iterate to get it after each `put`, `again` and, for the last time, `close`.
+    Iterate to get it after each `put` and, for the last time, after `close`.
     """
 
     def __init__(self) -> None:
         self.item: Item | None = None
         self._changed, self._is_closed = Event(), False
 
-    def put(self, item: Item) -> None:
-        """Offer an item."""
-        self.item = item
-        self._changed.set()
-
-    def again(self) -> None:
-        """Offer the latest item once more."""
+    def put(self, item: Item | None = None) -> None:
+        """Offer an item, or the latest one once more."""
+        self.item = self.item if item is None else item
         self._changed.set()
 
     def close(self) -> None:
@@ -154,12 +145,8 @@ def open_source(
     return partial(_frames_of, function, f"camera '{name}'", linear, white)
 
 
-class FileVersion(NamedTuple):
-    """A file of a folder as it was last written; a later one is larger."""
-
-    time: int  # of the last change, ns
-    name: str
-    size: int  # bytes
+FileVersion = tuple[int, str, int]
+"""Time of a file's last change, ns, its name and its size, bytes; a later one is larger."""
 
 
 class CameraFolder:
@@ -173,11 +160,10 @@ class CameraFolder:
         self, folder: Path, read: Callable[[Path], tuple[SensorImage, Sequence[str]]]
     ) -> None:
         self._folder, self._read_file = folder, read
-        self._since: dict[FileVersion, float] = {}  # when those that are not done were first there
-        self._failures: dict[FileVersion, str] = {}  # why it cannot be read, or not yet
-        self._done: set[FileVersion] = set()
+        self._since = dict[FileVersion, float]()  # when those that are not done were first there
+        self._failures = dict[FileVersion, str]()  # why it cannot be read, or not yet
+        self._done, self._format = set[FileVersion](), ""
         self._old: set[FileVersion] | None = None  # there at the first look
-        self._format = ""
 
     def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
         """Yield the newest whole photograph at each look; `say` reports a fault in one line."""
@@ -205,11 +191,11 @@ class CameraFolder:
                 with suppress(OSError):  # removed meanwhile, or a link that leads nowhere
                     if entry.name[0] != "." and entry.is_file():
                         state = entry.stat()
-                        present.add(FileVersion(state.st_mtime_ns, entry.name, state.st_size))
+                        present.add((state.st_mtime_ns, entry.name, state.st_size))
         self._old = present if self._old is None else self._old
         self._done &= present
         for version in present - self._done:
-            file = self._folder / version.name
+            file = self._folder / version[1]
             kind = suffixes().get(file.suffix.lower())
             if kind is None or self._format not in ("", kind):
                 why = "another format than the first photograph" if kind else "no photograph"
@@ -221,11 +207,11 @@ class CameraFolder:
 
     def _read(self, version: FileVersion, say: Say) -> SensorImage | None:
         """Return a photograph; None for one that cannot be read, which may still be written."""
-        file = self._folder / version.name
-        is_new = time.monotonic() - self._since[version] < PATIENCE
+        _, name, size = version
+        file, is_new = self._folder / name, time.monotonic() - self._since[version] < PATIENCE
         try:
             with file.open("rb") as stream:
-                stream.seek(max(0, version.size - ZEROS))
+                stream.seek(max(0, size - ZEROS))
                 if is_new and not any(stream.read()):
                     return None
             light, warnings = self._read_file(file)
@@ -269,13 +255,12 @@ def _frames_of(
             yield error
             continue
         if is_first and frame.table is not None:
-            how = "taken as linear light"
-            if not linear:
-                how = "decoded by the sRGB curve; if the camera sends linear light, declare it so"
+            curve = "decoded by the sRGB curve; if the camera sends linear light, declare it so"
+            how = "taken as linear light" if linear else curve
             say(f"{8 * frame.values.dtype.itemsize}-bit frames, {how}")
-        if is_first and not frame.light.saturated.any():
-            for line in plateaus(frame.values, "the frame"):
-                say(line)
+        is_saturated = not is_first or frame.light.saturated.any()
+        for line in () if is_saturated else plateaus(frame.values, "the frame"):
+            say(line)
         is_first = False
         yield frame
 
@@ -283,10 +268,7 @@ def _frames_of(
 def _frame_of(
     values: Any, origin: str, linear: bool, white: float | None, number: int
 ) -> CameraFrame:
-    """Return a copy of what a function returned: its next frame may use the same memory.
-
-    Unsigned integers of 8 or 16 bits are codes, other numbers linear light.
-    """
+    """Return a copy of what a function returned: its next frame may use the same memory."""
     try:
         array = plain_array(values, "the frame")
     except (TypeError, ValueError, RuntimeError):  # of parts that make no array

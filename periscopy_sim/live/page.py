@@ -17,7 +17,9 @@ from periscopy_sim.live.looks import images_in, occluders_in, panels_of, room_of
 from periscopy_sim.live.movable import Movable, find_movables
 from periscopy_sim.live.pictures import Choice, LivePictures
 from periscopy_sim.reconstruction.method import Report
+from periscopy_sim.reconstruction.registry import installed_methods
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.shipped import scenes_folder
 
 REST = {"slider": 0.3, "handle": 1.0}
 """Seconds after which a control counts as at rest; only a handle reports its release."""
@@ -70,8 +72,8 @@ def slider(
 class Page:
     """A page on a port of this computer, at first without pictures; see `show`.
 
-    A viewer chooses among `images` and `methods`; no images: the photograph is given. The page
-    calls `want` with each new choice and the seconds after which that counts as at rest, and
+    A viewer chooses among the shipped images, if the `first` choice has one, and the methods. The
+    page calls `want` with each new choice and the seconds after which that counts as at rest, and
     `save` when its button is pressed. `describe` returns a report's sentences, `more` are further
     controls by name. `choice` is the present one, `gate` serves the page. A PeriscopyError says
     that the extra is not installed, the port is taken, or nothing of the scene can be moved.
@@ -83,8 +85,6 @@ class Page:
         port: int,
         scenario: Scenario,
         first: Choice,
-        images: Sequence[str],
-        methods: Sequence[str],
         describe: Callable[[Report], Sequence[str]],
         want: Callable[[Choice, float], None],
         save: Callable[[], None],
@@ -102,7 +102,7 @@ class Page:
         self._moved, self._moved_at = frozenset[str](), 0.0
         self._drawn: Scenario | None = None
         self._space_due = 0.0
-        self.controls = self._controls(images, methods, more, save)
+        self.controls = self._controls(more, save)
         self.gate = Gate(host, port, self._receive)
         self.gate.publish(
             room=room_of(scenario), trouble=["computing the first pictures"],
@@ -128,11 +128,7 @@ class Page:
         self.gate.publish(trouble=[text] if text else [])
 
     def _controls(
-        self,
-        images: Sequence[str],
-        methods: Sequence[str],
-        more: Mapping[str, Control],
-        save: Callable[[], None],
+        self, more: Mapping[str, Control], save: Callable[[], None]
     ) -> dict[str, Control]:
         """Return the page's controls, by the names in its messages, from top to bottom."""
         first = self.choice
@@ -150,8 +146,9 @@ class Page:
             act = lambda value: self._set({name: value}, REST["slider"])  # noqa: E731
             return slider(self._movables[name], group, act, lambda: self.choice.values[name])
 
-        controls = {"method": chosen("Method", "method", *methods, first.method)}
-        if images:
+        controls = {"method": chosen("Method", "method", *installed_methods(), first.method)}
+        if first.image:
+            images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
             controls["image"] = chosen("Hidden image", "image", *images, first.image)
             controls["snr"] = slider(
                 Movable("SNR", first.snr, 20.0, 80.0, 1.0, "dB"), "",

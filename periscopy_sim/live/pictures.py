@@ -58,10 +58,6 @@ class Overtaken(Exception):  # noqa: N818  nothing is wrong
     """A newer choice came."""
 
 
-Check = Callable[..., None]
-"""Raises `Overtaken` if a newer choice came, whatever its arguments."""
-
-
 @dataclass(frozen=True, eq=False)
 class LivePictures:
     """A laboratory's photograph and its reconstruction, (R, C, 3), of several surfaces by id.
@@ -112,7 +108,7 @@ class FittedChoice:
             report = self.method.report(photograph, solution)
         residual = None if self.choice.image else report.residual
         report = replace(report, warnings=[*report.warnings, *self.notes], residual=residual)
-        return self._pictures(photograph, image, report, self.begun)
+        return self._pictures(photograph, image, report, time.perf_counter() - self.begun)
 
     @cached_property
     def _follow(self) -> Callable[[Array], Solution[Any]] | None:
@@ -138,8 +134,8 @@ class FittedChoice:
                 y = self.method.corrected(values, solution)
                 residual = quick_residual(y, solution.image, noise, self.method.fit)
         report = Report(solution.numbers(), residual=residual)
-        light = Photograph(values, self.photograph.mask)
-        return self._pictures(light, solution.image, report, begun, number)
+        light, seconds = Photograph(values, self.photograph.mask), time.perf_counter() - begun
+        return self._pictures(light, solution.image, report, seconds, number)
 
     def judge(self, frame: Photograph) -> Report | None:
         """Return the report of the method for single photographs, with its verdict, on one core.
@@ -157,24 +153,18 @@ class FittedChoice:
         frame = averaged_photograph(frame, self.scenario.photograph_shape)
         return blackened(frame.values, self.photograph.mask)
 
-    def _pictures(
-        self, light: Photograph, image: Any, report: Report, begun: float, number: int | None = None
-    ) -> LivePictures:
-        seconds = time.perf_counter() - begun
-        return LivePictures(
-            self.choice, self.scenario, self.is_coarse, self.truth, light, image, report, seconds,
-            number,
-        )  # fmt: skip
+    def _pictures(self, light: Photograph, image: Any, report: Report, *of: Any) -> LivePictures:
+        of_all = self.choice, self.scenario, self.is_coarse, self.truth
+        return LivePictures(*of_all, light, image, report, *of)
 
 
 class SizedLaboratory:
     """A laboratory whose photograph and hidden image have the sizes of a scenario.
 
-    `photograph` is or returns the given one, of this size or a larger one, None for synthetic
-    ones; `light` is the ambient light of the choice's place, (rows, columns, 3). At its full size
-    the laboratory fits a method as `reconstruct` does; `noise` is that of photographs to come, None
-    for that of the given one, `seed` of A's rays. It keeps its last results, and computes only
-    those anew whose choices changed.
+    `photograph` is the given one, of this size or a larger one, or returns the latest of those to
+    come; None for synthetic ones. `light` is the ambient light of the choice's place, (rows,
+    columns, 3), `seed` of A's rays. At its full size the laboratory fits a method as `reconstruct`
+    does. It keeps its last results, and computes only those anew whose choices changed.
     """
 
     def __init__(
@@ -184,16 +174,18 @@ class SizedLaboratory:
         light: Array | None = None,
         *,
         is_coarse: bool,
-        noise: float | None = None,
         seed: int = 0,
     ) -> None:
-        self.scenario, self.is_coarse, self._noise, self._seed = scenario, is_coarse, noise, seed
+        self.scenario, self.is_coarse, self._seed = scenario, is_coarse, seed
         self._light = None if light is None else area_average(light, scenario.photograph_shape)
         self._photograph = photograph
         self._kept: dict[str, tuple[object, Any]] = {}
 
-    def fit(self, choice: Choice, check: Check = lambda *_: None) -> FittedChoice:
-        """Fit the method of a choice; a PeriscopyError says what of it does not exist."""
+    def fit(self, choice: Choice, check: Callable[..., None] = lambda *_: None) -> FittedChoice:
+        """Fit the method of a choice; a PeriscopyError says what of it does not exist.
+
+        `check`, called often and with any arguments, may raise `Overtaken`.
+        """
         begun = time.perf_counter()
 
         def kept(name: str, key: object, make: Callable[[], Any]) -> Any:
@@ -205,19 +197,18 @@ class SizedLaboratory:
             return self._kept[name][1]
 
         values = tuple(choice.values.values())
-        given = {name: f"{value:.9g}" for name, value in choice.values.items()}
-        scenario: Scenario = kept("scenario", values, lambda: self.scenario.at(**given))
-        truth, noise = None, self._noise
+        moved = {name: f"{value:.9g}" for name, value in choice.values.items()}
+        scenario: Scenario = kept("scenario", values, lambda: self.scenario.at(**moved))
+        truth, noise, given = None, NOISE, self._photograph  # averages to come have little noise
         if choice.image:
             path = find_image(choice.image)
             truth = kept("f", path, lambda: self._shown(path))
-        if self._photograph is not None:
-            whole = self._photograph() if callable(self._photograph) else self._photograph
-            photograph = averaged_photograph(whole, scenario.photograph_shape)
-            noise = relative_noise(photograph) if noise is None else noise
-        elif noise is None:
+        if given is None:
             noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
-        noise = NOISE if noise is None else noise
+        else:
+            whole = given() if callable(given) else given
+            photograph = averaged_photograph(whole, scenario.photograph_shape)
+            noise = NOISE if callable(given) else relative_noise(photograph) or NOISE
 
         def transport(name: str) -> tuple[TransportPlan, Any]:
             """Return A for a method, and its plan."""
@@ -228,7 +219,7 @@ class SizedLaboratory:
                 lambda: plan.transport(scenario, seed=self._seed, progress=check),
             )  # fmt: skip
 
-        if self._photograph is None:
+        if given is None:
             photograph = self._expose(choice, truth, scenario, transport(DEFAULT)[1])
         plan, A = transport(choice.method)
         B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.live.frames import CameraFrame, finite
+from periscopy_sim.live.frames import CameraFrame
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import ColourMatrix, Photograph, blackened
 from periscopy_sim.photographs.defects import gaussian_spread
@@ -81,9 +81,10 @@ class Preparation:
         self.warnings = areas.warnings
         self.record = areas.film.view.record(areas.film.placement) if areas.film else {}
 
-    def __call__(self, frame: CameraFrame) -> SensorImage:
-        """Return a frame in the film's pixels."""
-        return finite(self._areas.average(frame.values, frame.table) - self._offset)
+    def __call__(self, frame: CameraFrame) -> Array:
+        """Return a frame in the film's pixels, (rows, columns, C); saturated light is infinite."""
+        values = self._areas.average(frame.values, frame.table)
+        return np.asarray(values - self._offset, np.float64)
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:
         check_same_size(picture.values.shape, self.shape, name)
@@ -95,11 +96,11 @@ class RunningAverage:
 
     It forgets exponentially; the first frames are averaged evenly. It starts anew when the exposure
     changes. `wall` is a `Photograph` with the mask and the photographs with the monitor off: a new
-    object whenever these change, with the average of that time.
+    object whenever these change.
     """
 
-    _first: SensorImage  # of the average
-    _latest: SensorImage
+    _first: Array  # frame of the average
+    _latest: Array
 
     def __init__(self, prepare: Preparation, page_off: Array | None = None) -> None:
         self.prepare, self.page_off = prepare, page_off
@@ -113,12 +114,13 @@ class RunningAverage:
         self._mask = self.prepare.mask  # without pixels that were saturated
         self._due = 0.0  # when the mask of `wall` may change
 
-    def add(self, frame: SensorImage, count: int = 1) -> list[str]:
+    def add(self, frame: Array, count: int = 1) -> list[str]:
         """Average one frame more; return what a person should know, one line each.
 
         The average leaves as little noise as the mean of `count` frames.
         """
         lines, times = list[str](), 0.0
+        full: Mask = np.asarray(np.isinf(frame).any(axis=2))
         # The hidden picture may have moved since the average began; an exposure may drift slowly.
         if self.average is not None:
             times = self._change(self._latest, frame) or self._change(self._first, frame)
@@ -128,20 +130,20 @@ class RunningAverage:
                 f"the light is {times:.3g} times what it was, and the average starts anew: fix "
                 "exposure and gain, and expose for whole periods of lamps that flicker"
             )
-        if (frame.saturated & self._mask).any():
-            self._mask = self._mask & ~frame.saturated
-            every = self.prepare.mask.sum()
-            of = f"{every - self._mask.sum()} of {every} pixels"
+        if (full & self._mask).any():
+            self._mask = self._mask & ~full
+            fewer, every = self._mask.sum(), self.prepare.mask.sum()
+            of = f"{every - fewer} of {every} pixels"
             lines.append(f"saturated: {of} are left out; shorten the exposure")
         if self.average is None:
-            self.average, self._first = frame.values.astype(np.float64), frame
+            self.average, self._first = np.nan_to_num(frame, posinf=0), frame
         elif self._mask.any():
             self._measure_noise(frame)
         self._frames += 1
         weight = 1 / min(self._frames, (count + 1) / 2)
         # Where it is saturated, a method that still uses the pixel sees what was before.
-        known = ~frame.saturated[..., np.newaxis]
-        self.average = self.average + weight * known * (frame.values - self.average)
+        seen = np.where(full[..., np.newaxis], self.average, frame)
+        self.average = self.average + weight * (seen - self.average)
         self._share = (1 - weight) ** 2 * self._share + weight**2
         self._latest = frame
         if not self._mask.any():
@@ -153,13 +155,12 @@ class RunningAverage:
             self._make_wall(self.average)
         return lines
 
-    def _change(self, before: SensorImage, frame: SensorImage) -> float:
+    def _change(self, before: Array, frame: Array) -> float:
         """Return the factor of the exposure since a frame before; 0 if it is the same."""
-        used = self._mask & ~frame.saturated
-        step = max(1, min(used.shape) // LINES)
+        step = max(1, min(self._mask.shape) // LINES)
         few = np.s_[::step, ::step]
-        old, new = (each.values[few][used[few]].mean(axis=-1) for each in (before, frame))
-        lit = (old > 0) & (new > 0)
+        old, new = (each[few][self._mask[few]].mean(axis=-1) for each in (before, frame))
+        lit = (old > 0) & (new > 0) & np.isfinite(new)
         if not lit.any():
             return 0.0
         ratios = np.log(new[lit] / old[lit])
@@ -168,28 +169,19 @@ class RunningAverage:
         is_other = abs(change) > EXPOSURE and spread < EVEN * abs(change)
         return float(np.exp(change)) if is_other else 0.0
 
-    def _measure_noise(self, frame: SensorImage) -> None:
-        difference = (frame.values - self._latest.values)[self._mask].astype(np.float64)
-        level = float(np.mean(frame.values[self._mask])) or 1.0
+    def _measure_noise(self, frame: Array) -> None:
+        difference = frame[self._mask] - self._latest[self._mask]
+        level = float(np.mean(frame[self._mask])) or 1.0
         # A median, since the hidden picture may move; two frames' noise differ.
         variance = (gaussian_spread(difference) / level) ** 2 / 2
         self._differences += 1
         self._variance += (variance - self._variance) / min(self._differences, NOISE_FRAMES)
 
     @property
-    def averaged(self) -> float:
-        """The number of frames whose mean has as little noise as the average."""
-        return 1 / self._share
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of a frame's noise over the mean light; 0 of a single frame."""
-        return float(np.sqrt(self._variance))
-
-    @property
-    def noise_left(self) -> float:
-        """Standard deviation of the average's noise over the mean light."""
-        return self.noise * float(np.sqrt(self._share))
+    def numbers(self) -> tuple[float, float, float]:
+        """What `Progress` says of the average: `averaged`, `noise` and `noise_left`."""
+        noise = float(np.sqrt(self._variance))
+        return 1 / self._share, noise, noise * float(np.sqrt(self._share))
 
     def photograph(self) -> Photograph | None:
         """Return the average under the conditions of `wall`; None where there is none yet."""

@@ -12,40 +12,81 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.page import Control, Page
-from periscopy_sim.live.pictures import (
-    Check,
-    Choice,
-    LivePictures,
-    Overtaken,
-    SizedLaboratory,
-    coarse,
-)
+from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
-Level = Callable[[Choice, Check], None]
 Job = Callable[[], None]
 
 
-class Follower:
-    """It follows a person's choices by two levels: the coarse one at once, the full one at rest.
+class LiveSession:
+    """A laboratory on a page that follows a person's choices; a context, which closes the page.
 
-    There is no queue: it takes the latest choice when it is free, and a newer one ends the full
-    level's work. It calls `report` with one line about a failure, empty after a success.
+    It shows coarse pictures at once, full ones at rest. There is no queue: it takes the latest
+    choice when it is free, and a newer one ends full pictures.
+
+    `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values.
+    For `photograph`, `light` and `seed` see `SizedLaboratory`; `mask` says which pixels are used of
+    what a function returns. The page's button calls `save` with the full pictures and shows the
+    line that it returns; `describe` returns a report's sentences. Port 0 takes a free one. A
+    PeriscopyError says that the extra is not installed, the port is taken, or nothing of the scene
+    can be moved.
     """
 
-    def __init__(self, coarse: Level, full: Level, report: Callable[[str], None]) -> None:
-        self._coarse, self._full, self._report = coarse, full, report
-        self._changed = Condition()
-        self._choice: Choice | None = None
-        self._done: Choice | None = None  # by the full level
-        self._behind: list[Level] = []  # the latest choice, coarse before full
+    steps: Sequence[Job] = ()
+    """What runs beside the laboratory, each in a thread."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        first: Choice,
+        save: Callable[[LivePictures], str],
+        describe: Callable[[Report], Sequence[str]],
+        *,
+        photograph: Photograph | Callable[[], Photograph] | None = None,
+        mask: Mask | None = None,
+        light: Array | None = None,
+        seed: int = 0,
+        host: str = "127.0.0.1",
+        port: int = 0,
+    ) -> None:
+        mask = photograph.pixels if isinstance(photograph, Photograph) else mask
+        small = coarse(scenario, 1.0 if mask is None else float(mask.mean()))
+        self._coarse = SizedLaboratory(small, photograph, light, is_coarse=True, seed=seed)
+        self._full = SizedLaboratory(scenario, photograph, light, is_coarse=False, seed=seed)
+        self._behind = list[SizedLaboratory]()  # the latest choice, coarse before full
+        self._changed, self._stopped = Condition(), False
+        self._done: Choice | None = None  # in full
         self._rests = 0.0  # when the latest choice counts as at rest
-        self._jobs: list[Job] = []
-        self._stopped = False
+        self._jobs = list[Job]()
+
+        def save_full() -> None:
+            self.page.report(save(self._full.fit(self._choice).pictures()))
+
+        self.page = Page(
+            host, port, small, first, describe, self.want, partial(self.at_rest, save_full),
+            self.controls(),
+        )  # fmt: skip
+        self._choice = self.page.choice
+
+    def controls(self) -> Mapping[str, Control]:
+        """Return further controls of the page, by name."""
+        return {}
+
+    def follow(
+        self, laboratory: SizedLaboratory, choice: Choice, check: Callable[..., None]
+    ) -> None:
+        """Compute and show the pictures of a choice; for `check` see `SizedLaboratory.fit`."""
+        pictures = laboratory.fit(choice, check).pictures()
+        check()
+        self.page.show(pictures)
+
+    def fail(self, line: str, *, is_coarse: bool) -> None:  # noqa: ARG002
+        """Show why a choice has no pictures; empty after a success."""
+        self.page.report(line)
 
     def want(self, choice: Choice | None = None, rest: float = 0.0) -> None:
         """Follow a choice; in full, unless another one comes within so many seconds.
@@ -53,8 +94,8 @@ class Follower:
         None: the latest choice once more, in full alone where that was done.
         """
         with self._changed:
-            self._choice = choice or self._choice
-            if self._done is None or self._done != self._choice:
+            self._choice = self._choice if choice is None else choice
+            if self._done != self._choice:
                 self._behind, self._done = [self._coarse, self._full], None
             elif not self._behind:
                 self._behind = [self._full]
@@ -75,121 +116,54 @@ class Follower:
             self._changed.notify()
 
     def run(self) -> None:
-        """Follow the choices until `stop`."""
-        while (job := self._next()) is not None:
-            try:
-                job()
-            except Overtaken:
-                pass
-            except PeriscopyError as error:
-                self._report(str(error))
-            except Exception as error:  # one choice that fails must not end the page
-                LOG.error("the page goes on after an error", exc_info=error)
-                self._report(str(PeriscopyError(f"{type(error).__name__}: {error}")))
+        """Show whatever is set, until `stop`."""
+        # Coarse pictures, full ones and the browser share the cores: products split among threads
+        # would wait for each other, and 0.1 s become seconds.
+        with threadpool_limits(1), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of pictures that are gone in a moment
+            self.want()
+            for step in self.steps:
+                Thread(target=step, daemon=True).start()
+            while (work := self._next()) is not None:
+                self._do(*work)
 
-    def _next(self) -> Job | None:
-        """Wait for a level that is behind the latest choice, or for another job."""
+    def _next(self) -> tuple[SizedLaboratory | None, Job] | None:
+        """Wait for a laboratory that is behind the latest choice, or for another job."""
         with self._changed:
             while not self._stopped:
                 pause = None
                 if self._behind:
                     is_coarse = self._behind[0] is self._coarse
                     pause = 0.0 if is_coarse else self._rests - time.monotonic()
-                    if pause <= 0 and self._choice is not None:
-                        return partial(self._follow, self._behind.pop(0), self._choice)
+                    if pause <= 0:
+                        laboratory = self._behind.pop(0)
+                        return laboratory, partial(self._follow, laboratory, self._choice)
                 elif self._jobs:
-                    return self._jobs.pop(0)
+                    return None, self._jobs.pop(0)
                 self._changed.wait(pause)
         return None
 
-    def _follow(self, level: Level, choice: Choice) -> None:
+    def _follow(self, laboratory: SizedLaboratory, choice: Choice) -> None:
         def check(*_: object) -> None:
             # Coarse pictures are finished, so that a drag shows some.
-            if self._stopped or (level is self._full and self._coarse in self._behind):
+            if self._stopped or (laboratory is self._full and self._coarse in self._behind):
                 raise Overtaken
 
-        level(choice, check)
-        self._done = choice if level is self._full else None
-        self._report("")
+        self.follow(laboratory, choice, check)
+        self._done = choice if laboratory is self._full else None
+        self.fail("", is_coarse=laboratory is self._coarse)
 
-
-class LiveSession:
-    """A laboratory on a page; a context, at whose end the page is closed.
-
-    `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values;
-    a viewer chooses among `methods` and, for synthetic photographs, `images`. For `photograph`,
-    `noise`, `light` and `seed` see `SizedLaboratory`; `mask` says which pixels are used of what a
-    function returns. The page's button calls
-    `save` with the full pictures and shows the line that it returns; `describe` returns a report's
-    sentences. Port 0 takes a free one. A PeriscopyError says that the extra is not installed, the
-    port is taken, or nothing of the scene can be moved.
-    """
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        first: Choice,
-        images: Sequence[str],
-        methods: Sequence[str],
-        save: Callable[[LivePictures], str],
-        describe: Callable[[Report], Sequence[str]],
-        *,
-        photograph: Photograph | Callable[[], Photograph] | None = None,
-        mask: Mask | None = None,
-        noise: float | None = None,
-        light: Array | None = None,
-        seed: int = 0,
-        host: str = "127.0.0.1",
-        port: int = 0,
-    ) -> None:
-        mask = photograph.pixels if isinstance(photograph, Photograph) else mask
-        small = coarse(scenario, 1.0 if mask is None else float(mask.mean()))
-        quick, full = (
-            SizedLaboratory(
-                each, photograph, light, is_coarse=each is small, noise=noise, seed=seed
-            )
-            for each in (small, scenario)
-        )
-        self.follower = Follower(
-            partial(self.follow, quick), partial(self.follow, full),
-            lambda line: self.page.report(line),
-        )  # fmt: skip
-
-        def save_full() -> None:
-            self.page.report(save(full.fit(self.page.choice).pictures()))
-
-        self.page = Page(
-            host, port, small, first, images, methods, describe, self.follower.want,
-            lambda: self.follower.at_rest(save_full), self.controls(),
-        )  # fmt: skip
-
-    def controls(self) -> Mapping[str, Control]:
-        """Return further controls of the page, by name."""
-        return {}
-
-    def follow(self, laboratory: SizedLaboratory, choice: Choice, check: Check) -> None:
-        """Compute and show the pictures of a choice."""
-        pictures = laboratory.fit(choice, check).pictures()
-        check()
-        self.page.show(pictures)
-
-    steps: Sequence[Job] = ()
-    """What runs beside the laboratory, each in a thread."""
-
-    def run(self) -> None:
-        """Show whatever is set, until `stop`."""
-        # Coarse pictures, full ones and the browser share the cores: products split among threads
-        # would wait for each other, and 0.1 s become seconds.
-        with threadpool_limits(1), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of pictures that are gone in a moment
-            self.follower.want(self.page.choice)
-            for step in self.steps:
-                Thread(target=step, daemon=True).start()
-            self.follower.run()
-
-    def stop(self) -> None:
-        """End `run` after the present stage of its work."""
-        self.follower.stop()
+    def _do(self, laboratory: SizedLaboratory | None, job: Job) -> None:
+        try:
+            job()
+        except Overtaken:
+            pass
+        except PeriscopyError as error:
+            self.fail(str(error), is_coarse=laboratory is self._coarse)
+        except Exception as error:  # one choice that fails must not end the page
+            LOG.error("the page goes on after an error", exc_info=error)
+            line = str(PeriscopyError(f"{type(error).__name__}: {error}"))
+            self.fail(line, is_coarse=laboratory is self._coarse)
 
     def __enter__(self) -> Self:
         """Return the session, whose page is open."""

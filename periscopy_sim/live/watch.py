@@ -23,7 +23,7 @@ from periscopy_sim.evaluation.methods import find_method
 from periscopy_sim.live.frames import CameraFrame, Latest, Say, Source, open_source
 from periscopy_sim.live.movable import Movable
 from periscopy_sim.live.page import Control, button, slider
-from periscopy_sim.live.pictures import Check, Choice, FittedChoice, LivePictures, SizedLaboratory
+from periscopy_sim.live.pictures import Choice, FittedChoice, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, Preparation, RunningAverage
 from periscopy_sim.live.session import Job, LiveSession
 from periscopy_sim.numerics import Mask
@@ -31,8 +31,7 @@ from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.reconstruction.method import Report
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
-from periscopy_sim.rendering.transport.plan import NOISE
+from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.scenario import Scenario
 
 RECENT = 60
@@ -80,7 +79,6 @@ class WatchSession(LiveSession):
         source: Source,
         scenario: Scenario,
         method: str,
-        methods: Sequence[str],
         save: Callable[[LivePictures], str],
         describe: Callable[[Report], Sequence[str]],
         *,
@@ -107,8 +105,8 @@ class WatchSession(LiveSession):
         self._lines, self._expires = list[str](), 0.0
         self._refusal = ""  # why the latest frame cannot be prepared
         super().__init__(
-            scenario, Choice({}, "", method=method), (), methods, save, describe,
-            photograph=self.photograph, mask=self._companions.mask, noise=NOISE, **page,
+            scenario, Choice({}, "", method=method), save, describe,
+            photograph=self.photograph, mask=self._companions.mask, **page,
         )  # fmt: skip
         steps = self._read_frames, self._average_frames, self._show_frames
         self.steps = [partial(self._guarded, step) for step in steps]
@@ -148,16 +146,19 @@ class WatchSession(LiveSession):
             raise PeriscopyError(self.notice)
         return self._averages.item[0]
 
-    def follow(self, laboratory: SizedLaboratory, choice: Choice, check: Check) -> None:
+    def follow(
+        self, laboratory: SizedLaboratory, choice: Choice, check: Callable[..., None]
+    ) -> None:
         """Fit the method of a choice to the present average, for frames to come."""
-        try:
-            fitted = laboratory.fit(choice, check)
-        except PeriscopyError as error:
-            if not laboratory.is_coarse and self._averages.item is not None:
-                self.report(str(error))
-            raise
-        self._fitted, self.verdict, self._judged = fitted, None, 0.0
-        self._averages.again()
+        self._fitted = laboratory.fit(choice, check)
+        self.verdict, self._judged = None, 0.0
+        self._averages.put()
+
+    def fail(self, line: str, *, is_coarse: bool) -> None:
+        """Show why there are no pictures; print why there will be none."""
+        super().fail(line, is_coarse=is_coarse)
+        if line and not is_coarse and self._averages.item is not None:
+            self.report(line)
 
     def controls(self) -> Mapping[str, Control]:
         """Return the controls of the average and its monitor-off frame."""
@@ -186,7 +187,7 @@ class WatchSession(LiveSession):
                 self._averages.put((photograph, latest[1]))
         taken = "the present average is the monitor-off frame; turn the monitor on"
         self.report(taken if self.has_monitor_off else "there is no monitor-off frame")
-        self.follower.want()
+        self.want()
 
     def report(self, line: str) -> None:
         """Print a line, unless one of its kind was just printed, and show it on the page."""
@@ -239,8 +240,8 @@ class WatchSession(LiveSession):
                 self.report(self._refusal)
             else:
                 if is_other:
-                    self.follower.want()
-        self.follower.at_rest(self._averages.close)  # the last average is shown in full size
+                    self.want()
+        self.at_rest(self._averages.close)  # the last average is shown in full size
 
     def _average(self, frame: CameraFrame | PhotographError) -> bool:
         """Put the average with one frame more; return whether methods must be fitted anew."""
@@ -251,8 +252,8 @@ class WatchSession(LiveSession):
         for line in frames.add(frames.prepare(frame), self.count):
             self.report(line)
         if (photograph := frames.photograph()) is not None:
-            numbers = frames.averaged, frames.noise, frames.noise_left
-            self._averages.put((photograph, Progress(frame.number, frame.time, *numbers)))
+            progress = Progress(frame.number, frame.time, *frames.numbers)
+            self._averages.put((photograph, progress))
         return frames.wall is not wall
 
     def _frames_like(self, frame: CameraFrame) -> RunningAverage:
@@ -304,7 +305,7 @@ class WatchSession(LiveSession):
                 self._times.append((shown, shown - average[1].time))
             if now >= self._judged and not fitted.is_coarse:
                 self._judged = now + JUDGED
-                self.follower.at_rest(self._judge)
+                self.at_rest(self._judge)
         if not self.ended.is_set():  # the source has ended
             if self.verdict is None:
                 self._judge()
@@ -398,9 +399,8 @@ def watch(
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},
     )  # fmt: skip
     with WatchSession(
-        open_source(source, linear=linear, white=white), scenario, method, installed_methods(),
-        save, lambda _: (), companions=companions, count=average, record=record, host=host,
-        port=port,
+        open_source(source, linear=linear, white=white), scenario, method, save, lambda _: (),
+        companions=companions, count=average, record=record, host=host, port=port,
     ) as session:  # fmt: skip
         print(session.page.gate.url, flush=True)
         session.run()

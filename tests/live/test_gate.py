@@ -6,7 +6,9 @@ import socket
 import time
 import urllib.error
 import urllib.request
+from base64 import b64encode
 from contextlib import contextmanager
+from hashlib import sha256
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -110,10 +112,9 @@ def test_no_text_of_the_page_is_markup(target):
     """The script enters text as text, and no script but this one may run."""
     with urllib.request.urlopen(target.gate.url) as page:
         policy = page.headers["Content-Security-Policy"]
-        assert re.findall(r"<script.*?>", page.read().decode()) == ['<script src="page.js">']
-    assert "default-src 'none'; script-src 'self';" in policy
-    with urllib.request.urlopen(f"{target.gate.url}page.js") as script:
-        text = script.read().decode()
+        (text,) = re.findall(r"<script>(.*?)</script>", page.read().decode(), re.DOTALL)
+    digest = b64encode(sha256(text.encode()).digest()).decode()
+    assert f"default-src 'none'; script-src 'sha256-{digest}';" in policy
     assert not re.search(r"(inner|outer)HTML|insertAdjacent|document\.write|eval|Function\(", text)
 
 
@@ -141,7 +142,7 @@ def test_pages_of_others_cannot_connect(target, foreign):
 
 @pytest.mark.parametrize("headers", [{"Host": "evil.example"}, {"Origin": "http://evil.example"}])
 def test_pages_of_others_cannot_read_the_page(target, headers):
-    for url in (target.gate.url, f"{target.gate.url}page.js", target.origin):
+    for url in (target.gate.url, target.origin):
         with pytest.raises(urllib.error.HTTPError) as refused:
             urllib.request.urlopen(urllib.request.Request(url, headers=headers))
         assert refused.value.code == 403
@@ -153,7 +154,7 @@ def test_pages_of_others_cannot_read_the_page(target, headers):
         refused.value.close()
     for url in (target.gate.url, target.gate.url.rstrip("/")):
         with urllib.request.urlopen(url) as page:
-            assert b"<html" in page.read() and page.url == target.gate.url
+            assert b"<html" in page.read()
 
 
 def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
@@ -165,7 +166,7 @@ def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
     drag = {"handle": "plate", "position": [0.0, 0.0, 0.0], "ends": False}
     nan = float("nan")
     attacks = [
-        *(value_of("method", x) for x in (f"{own}:run", "file.py", "iterative", "", None, [])),
+        *(value_of("method", x) for x in (f"{own}:run", "file.py", "magic", "", None, [])),
         *(value_of("image", each) for each in (str(picture), "a" * 5000, "not known", {})),
         *(value_of("place", each) for each in ("window", str(tmp_path / "x.xml"), 1)),
         *(value_of("snr", each) for each in (-10_000, nan, 1e300, "60", True, None)),

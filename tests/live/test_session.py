@@ -1,12 +1,16 @@
-import threading
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import pytest
 
+from experiments.benchmarks.live import running
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.pictures import Overtaken
-from periscopy_sim.live.session import Follower
+from periscopy_sim.live.pictures import Choice, Overtaken
+from periscopy_sim.live.session import LiveSession
+from periscopy_sim.rendering.scene.load import load_scenario
+
+pytest.importorskip("websockets")
 
 PATIENCE = 120.0
 
@@ -20,8 +24,8 @@ class Picture:
 class StandIn:
     """A level that takes its time, and looks now and then whether it is overtaken."""
 
-    def __init__(self, shown, *, is_coarse, seconds=0.0):
-        self.shown, self.is_coarse, self.seconds = shown, is_coarse, seconds
+    def __init__(self, shown, *, is_coarse):
+        self.shown, self.is_coarse, self.seconds = shown, is_coarse, 0.0
         self.begun, self.given_up = [], []
 
     def follow(self, choice, unless_overtaken):
@@ -39,16 +43,22 @@ class StandIn:
         self.shown.append(Picture(choice, self.is_coarse))
 
 
-class Watched:
-    """A laboratory that runs in a thread, and what it has shown and reported."""
+class Following(LiveSession):
+    """A session of stand-ins, and what it has shown and reported."""
 
-    def __init__(self, coarse=0.0, full=0.0):
+    def __init__(self):
+        scenario = load_scenario("plate", (3, 4), photograph=(12, 12))
+        super().__init__(scenario, Choice({}, "mushroom"), lambda _: "", lambda _: [])
         self.shown, self.reported = [], []
-        self.coarse = StandIn(self.shown, is_coarse=True, seconds=coarse)
-        self.full = StandIn(self.shown, is_coarse=False, seconds=full)
-        self.laboratory = Follower(self.coarse.follow, self.full.follow, self.reported.append)
-        self.thread = threading.Thread(target=self.laboratory.run)
-        self.thread.start()
+        self.coarse = self._coarse = StandIn(self.shown, is_coarse=True)
+        self.full = self._full = StandIn(self.shown, is_coarse=False)
+        self._choice = "first"
+
+    def follow(self, laboratory, choice, check):
+        laboratory.follow(choice, check)
+
+    def fail(self, line, **_):
+        self.reported.append(line)
 
     def until(self, holds):
         end = time.monotonic() + PATIENCE
@@ -59,22 +69,23 @@ class Watched:
 
 @pytest.fixture
 def watched():
-    made = []
+    with ExitStack() as stack:
 
-    def make(**seconds):
-        made.append(Watched(**seconds))
-        return made[-1]
+        def make(coarse=0.0, full=0.0):
+            made = stack.enter_context(Following())
+            stack.enter_context(running(made))
+            made.until(lambda: len(made.shown) == 2 and made.reported)  # the first choice
+            for each in made.shown, made.coarse.begun, made.full.begun:
+                each.clear()
+            made.coarse.seconds, made.full.seconds = coarse, full
+            return made
 
-    yield make
-    for each in made:
-        each.laboratory.stop()
-        each.thread.join(PATIENCE)
-        assert not each.thread.is_alive()
+        yield make
 
 
 def test_coarse_pictures_come_first_and_full_ones_last(watched):
     w = watched(full=0.2)
-    w.laboratory.want("here")
+    w.want("here")
     w.until(lambda: Picture("here", False) in w.shown)
     assert w.shown == [Picture("here", True), Picture("here", False)]
 
@@ -82,7 +93,7 @@ def test_coarse_pictures_come_first_and_full_ones_last(watched):
 def test_what_is_overtaken_is_dropped_and_not_queued(watched):
     w = watched(coarse=0.1)
     for number in range(50):
-        w.laboratory.want(number, 0.5)
+        w.want(number, 0.5)
         time.sleep(0.01)
     w.until(lambda: Picture(49, False) in w.shown)
     assert 3 <= len(w.coarse.begun) <= 20
@@ -92,10 +103,10 @@ def test_what_is_overtaken_is_dropped_and_not_queued(watched):
 
 def test_full_pictures_that_are_overtaken_are_given_up(watched):
     w = watched(full=5.0)
-    w.laboratory.want("first")
+    w.want("first")
     w.until(lambda: w.full.begun == ["first"])
     w.full.seconds = 0.0
-    w.laboratory.want("second")
+    w.want("second")
     w.until(lambda: Picture("second", False) in w.shown)
     assert w.full.given_up == ["first"]
     assert Picture("first", False) not in w.shown
@@ -103,23 +114,23 @@ def test_full_pictures_that_are_overtaken_are_given_up(watched):
 
 def test_what_cannot_be_shown_is_reported_and_the_laboratory_goes_on(watched):
     w = watched()
-    w.laboratory.want(PeriscopyError("no such\nscene"))
+    w.want(PeriscopyError("no such\nscene"))
     w.until(lambda: "no such scene" in w.reported)
-    w.laboratory.want(RuntimeError("bug"))
+    w.want(RuntimeError("bug"))
     w.until(lambda: "RuntimeError: bug" in w.reported)
-    w.laboratory.want("better")
+    w.want("better")
     w.until(lambda: Picture("better", False) in w.shown)
     assert w.reported[-1] == ""
 
 
 def test_a_choice_that_is_done_in_full_is_followed_in_full_alone(watched):
     w = watched()
-    w.laboratory.want("here")
+    w.want("here")
     w.until(lambda: Picture("here", False) in w.shown)
-    w.laboratory.want()
+    w.want()
     w.until(lambda: len(w.shown) > 2)
     assert w.shown == [Picture("here", True)] + [Picture("here", False)] * 2
-    w.laboratory.want("there")
+    w.want("there")
     w.until(lambda: Picture("there", False) in w.shown)
     assert w.shown[3] == Picture("there", True)
 
@@ -127,13 +138,13 @@ def test_a_choice_that_is_done_in_full_is_followed_in_full_alone(watched):
 def test_a_job_waits_for_full_pictures_which_do_not_wait(watched):
     w = watched(full=0.2)
     shown = []
-    w.laboratory.want("here", 60.0)
-    w.laboratory.at_rest(lambda: shown.extend(w.shown))
+    w.want("here", 60.0)
+    w.at_rest(lambda: shown.extend(w.shown))
     w.until(lambda: shown)
     assert shown[-1] == Picture("here", False)
 
     def full_disk():
         raise PeriscopyError("disk full")
 
-    w.laboratory.at_rest(full_disk)
+    w.at_rest(full_disk)
     w.until(lambda: w.reported[-1] == "disk full")

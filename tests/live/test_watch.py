@@ -55,9 +55,9 @@ class Watched:
         self.camera = Camera(self.scenario, self.image)
         self.shown, self.said, self.saved = [], [], []
         self.session = WatchSession(
-            open_source(self.camera, linear=True), self.scenario, "noise-aware",
-            ("noise-aware", "preconditioned"), self.save, self.describe, count=20,
-            say=self.said.append, record=lambda *each: self.shown.append(each),
+            open_source(self.camera, linear=True), self.scenario, "noise-aware", self.save,
+            self.describe, count=20, say=self.said.append,
+            record=lambda *each: self.shown.append(each),
         )  # fmt: skip
         self.page = self.session.page
 
@@ -171,9 +171,9 @@ class Brief:
         scenario = load_scenario("plate", (6, 8), {"resolution": 24})
         self.shown, self.said = [], []
         self.session = WatchSession(
-            open_source(function, linear=True), scenario, method,
-            ("noise-aware", "preconditioned"), lambda _: "", lambda _: [], companions=companions,
-            count=20, say=self.said.append, record=lambda *each: self.shown.append(each),
+            open_source(function, linear=True), scenario, method, lambda _: "", lambda _: [],
+            companions=companions, count=20, say=self.said.append,
+            record=lambda *each: self.shown.append(each),
         )  # fmt: skip
 
     def press(self, name, value=True):

@@ -19,8 +19,7 @@ from periscopy_sim.cli.output import outcome, output_folder, progress, say, warn
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.extras import require_all
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods, libraries_of
-from periscopy_sim.shipped import scenes_folder
+from periscopy_sim.reconstruction.registry import DEFAULT, libraries_of
 from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
@@ -79,12 +78,10 @@ def view(
         light = None
         if ambient:  # its error is smooth: methods project it out
             light = session.ambient_light(ambient, target=0.05).photograph
-        shipped = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
         live = LiveSession(
             session.scenario, Choice({}, image, ambient or "", method=method),
-            shipped if photo is None else [], installed_methods(),
-            lambda pictures: write_view(out, session, pictures, photo),
-            report_sentences, photograph=wall, light=light, host=host, port=port,
+            lambda pictures: write_view(out, session, pictures, photo), report_sentences,
+            photograph=wall, light=light, host=host, port=port,
         )  # fmt: skip
     serve(live, session.path.name)
 

@@ -20,7 +20,7 @@ from periscopy_sim.cli.study.forecast import counted
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
+from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
 from periscopy_sim.storage.outputs.staging import unwritable_reported
@@ -87,7 +87,7 @@ def watch(
             session.colours,
         )  # fmt: skip
         live = WatchSession(
-            frames, session.scenario, method, installed_methods(),
+            frames, session.scenario, method,
             partial(write_view, (out or Path("watch")) / "set", session), report_sentences,
             companions=companions, count=average, say=session.warn,
             record=recorder or (lambda *_: None), seed=session.seed, host=host, port=port,
