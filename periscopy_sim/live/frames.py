@@ -61,12 +61,6 @@ class CameraFrame:
     number: int = 0
     time: float = field(default_factory=time.monotonic)
 
-    @classmethod
-    def of_light(cls, light: SensorImage, number: int = 0) -> "CameraFrame":
-        """Return a frame of linear light."""
-        values = np.where(light.saturated[..., np.newaxis], np.inf, light.values)
-        return cls(values, cell=light.cell, number=number)
-
     @property
     def light(self) -> SensorImage:
         """The frame as linear light, and where it is saturated."""
@@ -180,7 +174,7 @@ class CameraFolder:
                         number += older not in (self._old or ())
                         self._give_up(older, say)
                     number += 1
-                    yield CameraFrame.of_light(light, number)
+                    yield CameraFrame(light.infinite, cell=light.cell, number=number)
                     break
 
     def _unchanged_files(self, say: Say) -> list[FileVersion]:
@@ -286,7 +280,7 @@ def _frame_of(
             "return the three colours, frame[..., :3]"
         )
     if array.dtype.kind != "u" or array.dtype.itemsize > 2:
-        return CameraFrame.of_light(sensor_image(array, "the frame", white), number)
+        return CameraFrame(sensor_image(array, "the frame", white).infinite, number=number)
     codes = np.array(array, array.dtype.newbyteorder("="))
     table = light_of_codes(codes.dtype, linear=linear, white=white)
     return CameraFrame(codes, table, number=number)

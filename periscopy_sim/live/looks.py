@@ -3,7 +3,6 @@
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from io import BytesIO
 from typing import Any
 
@@ -46,12 +45,12 @@ class Panel:
     def look(self) -> dict[str, Any]:
         """Return what `page.js` draws."""
         pictures = [{"source": as_source(p), "columns": p.shape[1]} for p in self.pictures]
-        scale = None
+        look: dict[str, Any] = {"caption": self.caption, "pictures": pictures}
         if self.scale is not None:
             name, low, high = self.scale
-            stops = _colours_of(name)[np.linspace(0, 255, 9).astype(int), :3]
-            scale = {"colours": [f"#{bytes(s).hex()}" for s in stops], "low": low, "high": high}
-        return {"caption": self.caption, "pictures": pictures, "scale": scale}
+            colours = [f"#{bytes(c).hex()}" for c in _colours(name, np.linspace(0, 1, 9))[:, :3]]
+            look["scale"] = {"colours": colours, "low": low, "high": high}
+        return look
 
 
 def as_source(pixels: Pixels) -> str:
@@ -88,9 +87,9 @@ def panels_of(pictures: LivePictures) -> list[Panel]:
     The frames of a stream have no standard errors, and no panel of them.
     """
     choice, (rows, columns) = pictures.choice, pictures.photograph.shape
-    lit = f", SBR {choice.sbr:g}" if choice.place else ""
-    made = f"{lit}, {choice.snr:g} dB" if pictures.report.residual is None else ""
-    caption = f"Photograph: {rows} x {columns} pixels{made}"
+    caption = f"Photograph: {rows} x {columns} pixels"
+    if pictures.report.residual is None:
+        caption += f"{f', SBR {choice.sbr:g}' if choice.place else ''}, {choice.snr:g} dB"
     sizes = {n: "{} x {}".format(*shape) for n, shape in pictures.scenario.hidden.shapes.items()}
     each = sizes.values() if len(sizes) == 1 else map(" ".join, sizes.items())
     psnr = "" if pictures.psnr is None else f", PSNR {pictures.psnr:.1f} dB"
@@ -134,15 +133,8 @@ def _errors(pictures: LivePictures) -> Panel:
 
 
 def _colours(name: str, values: Array) -> Pixels:
-    """Return false colours of values in [0, 1]; NaN is transparent."""
-    levels = np.clip(256 * np.nan_to_num(values), 0, 255).astype(np.uint8)
-    return _colours_of(name)[levels] * np.isfinite(values)[..., np.newaxis].astype(np.uint8)
-
-
-@cache
-def _colours_of(name: str) -> Pixels:
-    """Return the 256 colours of matplotlib's colormap, with their opacity."""
-    return _bytes(mpl.colormaps[name](np.arange(256)))
+    """Return false colours of values in [0, 1], (..., 4); NaN is transparent."""
+    return np.asarray(mpl.colormaps[name](values, bytes=True))
 
 
 # -- the laboratory in 3-D -------------------------------------------------------------------------
@@ -175,11 +167,6 @@ def room_of(scenario: Scenario) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def occluders_in(scenario: Scenario) -> dict[str, Any]:
-    """Return a scene's occluders."""
-    return {"occluders": [_mesh(each) for each in scenario.view.occluders]}
-
-
 def images_in(pictures: LivePictures) -> dict[str, Any]:
     """Return the photograph on a scene's wall, and the images on hidden surfaces."""
     scenario, images = pictures.scenario, hidden_pixels(pictures)
@@ -201,7 +188,7 @@ def _rectangle(center: Array, across: Array, up: Array) -> Any:
     return [[(center + x * across + y * up).tolist() for x in (-0.5, 0.5)] for y in (0.5, -0.5)]
 
 
-def _mesh(occluder: Occluder) -> dict[str, Any]:
+def mesh_of(occluder: Occluder) -> dict[str, Any]:
     """Return the triangles of an occluder, each vertex to 10 micrometres."""
     vertices, faces = occluder.vertices, occluder.faces
     if vertices is None or faces is None:  # no mesh: the box about it

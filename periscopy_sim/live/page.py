@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.extras import require
-from periscopy_sim.live.looks import images_in, occluders_in, panels_of, room_of
+from periscopy_sim.live.looks import images_in, mesh_of, panels_of, room_of
 from periscopy_sim.live.movable import Movable, find_movables
 from periscopy_sim.live.pictures import Choice, LivePictures
 from periscopy_sim.reconstruction.method import Report
@@ -117,7 +117,9 @@ class Page:
         panels = [each.look() for each in panels_of(pictures)]
         # A scene that has not moved keeps its occluders, and shows some of a stream's frames.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
-        now, things = time.monotonic(), occluders_in(pictures.scenario) if is_moved else {}
+        now, things = time.monotonic(), dict[str, Any]()
+        if is_moved:
+            things["occluders"] = [mesh_of(each) for each in pictures.scenario.view.occluders]
         if is_moved or pictures.frame is None or now >= self._space_due:
             things |= images_in(pictures)
             self._space_due = now + IN_SPACE

@@ -1,7 +1,4 @@
-"""From a camera's frames to photographs in the pixels of a scene's camera, averaged as they come.
-
-`Preparation` keeps what frames of one size have in common; `RunningAverage` averages them.
-"""
+"""From a camera's frames to photographs in the pixels of a scene's camera, and their average."""
 
 import time
 from collections.abc import Mapping
@@ -16,8 +13,7 @@ from periscopy_sim.photograph import ColourMatrix, Photograph, blackened
 from periscopy_sim.photographs.defects import gaussian_spread
 from periscopy_sim.photographs.develop import SensorImage, check_same_size
 from periscopy_sim.photographs.marks import WallPoints, WallTags
-from periscopy_sim.photographs.prepare import film_areas, used_pixels
-from periscopy_sim.photographs.resampling import AreaMap, Flaw
+from periscopy_sim.photographs.prepare import FilmPixels
 from periscopy_sim.scenario import Scenario
 
 EXPOSURE = 0.05
@@ -55,71 +51,64 @@ class Companions:
     colour_matrix: ColourMatrix | None = None
 
 
-class Preparation:
-    """What frames of one camera and size have in common, found in the first frame.
-
-    `mask`, (rows, columns) bool, is True where the film's pixels measure the wall; `monitor_off`
-    has the companions' photographs with the monitor off in the film's pixels, by name; `warnings`
-    are assumptions, one line each, `record` the numbers of the view by marks. Errors are those of
-    `prepare`, or a PhotographError says that a companion is not of the frame's size.
-    """
-
-    def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
-        self.shape, self.colour_matrix = first.values.shape, companions.colour_matrix
-        areas = film_areas(first.light, scenario, companions.marks, companions.mask)
-        self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
-        self.mask = used_pixels(self._areas.kinds | areas.excluded)
-        self._offset: Array | float = companions.black
-        if companions.dark is not None:
-            self._offset = self._averaged(companions.dark, "the dark frame")
-        self.monitor_off = {
-            name: each.values.astype(np.float64)
-            if each.size == self.mask.shape != self.shape[:2]
-            else self._averaged(each, name) - self._offset
-            for name, each in companions.monitor_off.items()
-        }
-        self.warnings = areas.warnings
-        self.record = areas.film.view.record(areas.film.placement) if areas.film else {}
-
-    def __call__(self, frame: CameraFrame) -> Array:
-        """Return a frame in the film's pixels, (rows, columns, C); saturated light is infinite."""
-        values = self._areas.average(frame.values, frame.table)
-        return np.asarray(values - self._offset, np.float64)
-
-    def _averaged(self, picture: SensorImage, name: str) -> Array:
-        check_same_size(picture.values.shape, self.shape, name)
-        return self._areas.average(picture.values)
-
-
 class RunningAverage:
-    """The running average of prepared frames, with the noise that it leaves.
+    """The running average of frames of one camera and size, with the noise that it leaves.
 
     It forgets exponentially; the first frames are averaged evenly. It starts anew when the exposure
     changes. `wall` is a `Photograph` with the mask and the photographs with the monitor off: a new
-    object whenever these change.
+    object whenever these change. `warnings` are assumptions of the preparation, one line each,
+    `record` the numbers of the view by marks. Errors are those of `prepare`, or a PhotographError
+    says that a companion is not of the frames' size.
     """
 
     _first: Array  # frame of the average
     _latest: Array
 
-    def __init__(self, prepare: Preparation, page_off: Array | None = None) -> None:
-        self.prepare, self.page_off = prepare, page_off
+    def __init__(
+        self,
+        first: CameraFrame,
+        scenario: Scenario,
+        companions: Companions,
+        page_off: Array | None = None,
+    ) -> None:
+        self.shape, self._colours = first.values.shape, companions.colour_matrix
+        self._pixels = FilmPixels(first.light, scenario, companions.marks, companions.mask)
+        film, self.warnings = self._pixels.film, self._pixels.warnings
+        self.record = film.view.record(film.placement) if film else {}
+        self._offset: Array | float = companions.black
+        if companions.dark is not None:
+            self._offset = self._averaged(companions.dark, "the dark frame")
+        self._monitor_off = {
+            name: each.values.astype(np.float64)
+            if each.size == scenario.photograph_shape != self.shape[:2]
+            else self._averaged(each, name) - self._offset
+            for name, each in companions.monitor_off.items()
+        }
+        self.page_off = page_off
         self.wall: Photograph | None = None
         self._variance, self._differences = 0.0, 0  # of a frame's noise over the mean light
         self._restart()
 
+    def _averaged(self, picture: SensorImage, name: str) -> Array:
+        check_same_size(picture.values.shape, self.shape, name)
+        return self._pixels.average(picture.values)
+
+    def prepare(self, frame: CameraFrame) -> Array:
+        """Return a frame in the film's pixels, (rows, columns, C); saturated light is infinite."""
+        return np.asarray(self._pixels.average(frame.values, frame.table) - self._offset, float)
+
     def _restart(self) -> None:
         self.average: Array | None = None
         self._share, self._frames = 1.0, 0  # of a frame's variance in the average; frames in it
-        self._mask = self.prepare.mask  # without pixels that were saturated
+        self._mask = self._pixels.mask  # without pixels that were saturated
         self._due = 0.0  # when the mask of `wall` may change
 
-    def add(self, frame: Array, count: int = 1) -> list[str]:
+    def add(self, camera_frame: CameraFrame, count: int = 1) -> list[str]:
         """Average one frame more; return what a person should know, one line each.
 
         The average leaves as little noise as the mean of `count` frames.
         """
-        lines, times = list[str](), 0.0
+        frame, lines, times = self.prepare(camera_frame), list[str](), 0.0
         full: Mask = np.asarray(np.isinf(frame).any(axis=2))
         # The hidden picture may have moved since the average began; an exposure may drift slowly.
         if self.average is not None:
@@ -132,7 +121,7 @@ class RunningAverage:
             )
         if (full & self._mask).any():
             self._mask = self._mask & ~full
-            fewer, every = self._mask.sum(), self.prepare.mask.sum()
+            fewer, every = self._mask.sum(), self._pixels.mask.sum()
             of = f"{every - fewer} of {every} pixels"
             lines.append(f"saturated: {of} are left out; shorten the exposure")
         if self.average is None:
@@ -197,12 +186,12 @@ class RunningAverage:
         return self.photograph()
 
     def _make_wall(self, average: Array) -> None:
-        off = dict(self.prepare.monitor_off)
+        off = dict(self._monitor_off)
         if self.page_off is not None:
             off[TAKEN] = self.page_off
         self.wall = Photograph.of(
             blackened(average, self._mask), name="the frames", mask=self._mask,
             monitor_off={name: blackened(each, self._mask) for name, each in off.items()},
-            colour_matrix=self.prepare.colour_matrix,
+            colour_matrix=self._colours,
         )  # fmt: skip
         self._due = time.monotonic() + STEADY

@@ -24,7 +24,7 @@ from periscopy_sim.live.frames import CameraFrame, Latest, Say, Source, open_sou
 from periscopy_sim.live.movable import Movable
 from periscopy_sim.live.page import Control, button, slider
 from periscopy_sim.live.pictures import Choice, FittedChoice, LivePictures, SizedLaboratory
-from periscopy_sim.live.preparation import Companions, Preparation, RunningAverage
+from periscopy_sim.live.preparation import Companions, RunningAverage
 from periscopy_sim.live.session import Job, LiveSession
 from periscopy_sim.numerics import Mask
 from periscopy_sim.photograph import Photograph
@@ -132,7 +132,7 @@ class WatchSession(LiveSession):
             "frames_dropped": self.dropped,
             "median_latency": self._latency,
             "average": self.count,
-            **(self._frames.prepare.record if self._frames else {}),
+            **(self._frames.record if self._frames else {}),
             **(judged.numbers() if judged else {}),
         }
 
@@ -249,7 +249,7 @@ class WatchSession(LiveSession):
             raise frame
         frames = self._frames_like(frame)
         wall = frames.wall
-        for line in frames.add(frames.prepare(frame), self.count):
+        for line in frames.add(frame, self.count):
             self.report(line)
         if (photograph := frames.photograph()) is not None:
             progress = Progress(frame.number, frame.time, *frames.numbers)
@@ -260,7 +260,7 @@ class WatchSession(LiveSession):
         """Return the average of frames of this size: a new one for the first and another size."""
         before = self._frames
         if before is not None:
-            (*old, channels), (*new, own) = before.prepare.shape, frame.values.shape
+            (*old, channels), (*new, own) = before.shape, frame.values.shape
             if own != channels:
                 raise PhotographError(
                     f"a frame has {own} channels, the first one {channels}; give frames of one "
@@ -270,11 +270,12 @@ class WatchSession(LiveSession):
                 return before
             sizes = ("{} x {}".format(*each) for each in (old, new))
             self.report("the frames changed from {} to {} pixels".format(*sizes))
-        prepare = Preparation(frame, self._scenario, self._companions)
-        for line in prepare.warnings:
+        page_off = before.page_off if before else None
+        frames = RunningAverage(frame, self._scenario, self._companions, page_off)
+        self._frames = frames
+        for line in frames.warnings:
             self.report(line)
-        self._frames = RunningAverage(prepare, before.page_off if before else None)
-        return self._frames
+        return frames
 
     def _show_frames(self) -> None:
         first, latest = 0.0, tuple[Any, ...]()  # the average shown, and its method

@@ -47,21 +47,6 @@ def block_corners(size: tuple[int, int], shape: tuple[int, int]) -> Array:
     return np.stack(np.meshgrid(column, row), axis=-1)
 
 
-def average_areas(
-    image: NDArray[np.floating], flaws: NDArray[np.uint8], corners: Array
-) -> tuple[Array, NDArray[np.uint8]]:
-    """Return an image averaged over quadrilaterals, and the flaws within them; see `AreaMap`."""
-
-    def average_rows(part: tuple[int, int]) -> tuple[Array, NDArray[np.uint8]]:
-        areas = AreaMap(flaws, corners[part[0] : part[1] + 1])
-        return areas.average(image), areas.kinds
-
-    # The weights of all rows at once would take as much memory as the image.
-    parts = in_parallel(average_rows, ranges(len(corners) - 1))
-    values, kinds = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return values, kinds
-
-
 class AreaMap:
     """Quadrilaterals over which images of one size are averaged, pixels weighted by area in them.
 

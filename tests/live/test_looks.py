@@ -10,7 +10,7 @@ from periscopy_sim.live.looks import (
     as_source,
     hidden_pixels,
     images_in,
-    occluders_in,
+    mesh_of,
     panels_of,
     photograph_pixels,
     room_of,
@@ -34,9 +34,8 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
         scene.view.centers.mean(axis=0),
         atol=0.01,
     )
-    for shown, occluder in zip(
-        occluders_in(scene)["occluders"], scene.scene.occluders, strict=True
-    ):
+    for occluder in scene.scene.occluders:
+        shown = mesh_of(occluder)
         vertices = np.reshape(shown["vertices"], (-1, 3))
         np.testing.assert_allclose(vertices, occluder.vertices, atol=1e-5)
         assert max(shown["faces"]) == len(vertices) - 1

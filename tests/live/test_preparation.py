@@ -5,7 +5,7 @@ import periscopy_sim as ps
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.live import preparation
 from periscopy_sim.live.frames import CameraFrame, light_of_codes
-from periscopy_sim.live.preparation import TAKEN, Companions, Preparation, RunningAverage
+from periscopy_sim.live.preparation import TAKEN, Companions, RunningAverage
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.storage.formats.srgb import srgb_light
@@ -21,7 +21,7 @@ def scenario():
 
 
 def light(values, full=None):
-    return CameraFrame.of_light(sensor_image(values, "frame", saturated=full))
+    return CameraFrame(sensor_image(values, "frame", saturated=full).infinite)
 
 
 def coded(codes, *, linear=False):
@@ -29,9 +29,8 @@ def coded(codes, *, linear=False):
 
 
 def averaged(scenario, values, count=1):
-    prepare = Preparation(light(WALL), scenario, Companions())
-    frames = RunningAverage(prepare)
-    return frames, [frames.add(prepare(light(each)), count) for each in values]
+    frames = RunningAverage(light(WALL), scenario, Companions())
+    return frames, [frames.add(light(each), count) for each in values]
 
 
 def test_codes_are_prepared_as_prepare_does_it_with_a_photograph(scenario):
@@ -41,25 +40,25 @@ def test_codes_are_prepared_as_prepare_does_it_with_a_photograph(scenario):
     codes = CODES.copy()
     codes[50, 50] = 255
     companions = Companions(mask=mask, dark=dark, monitor_off={"off": dark})
-    first = Preparation(coded(CODES), scenario, companions)
-    prepared = first(coded(codes))
+    first = RunningAverage(coded(CODES), scenario, companions)
+    prepared = first.prepare(coded(codes))
     full = (codes == 255).any(axis=2)
     expected = ps.prepare(
         ps.develop([SensorImage(srgb_light(codes).astype(np.float32), full)], dark=dark),
         scenario, mask=mask,
     )  # fmt: skip
     full, used = np.isinf(prepared).any(axis=2), expected.mask
-    np.testing.assert_array_equal(first.mask & ~full, used)
+    np.testing.assert_array_equal(first._pixels.mask & ~full, used)
     np.testing.assert_array_equal(np.argwhere(full), [[12, 12]])
     np.testing.assert_allclose(prepared[used], expected.values[used], atol=1e-6)
-    np.testing.assert_allclose(first.monitor_off["off"], 0, atol=1e-7)
-    linear = Preparation(coded(CODES, linear=True), scenario, Companions(black=16))
+    np.testing.assert_allclose(first._monitor_off["off"], 0, atol=1e-7)
+    linear = RunningAverage(coded(CODES, linear=True), scenario, Companions(black=16))
     blocks = CODES.reshape(24, 4, 24, 4, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(linear(coded(CODES, linear=True)), blocks - 16, rtol=1e-5)
+    np.testing.assert_allclose(linear.prepare(coded(CODES, linear=True)), blocks - 16, rtol=1e-5)
     with pytest.raises(PhotographError, match="the dark frame: 3 channels"):
-        Preparation(coded(CODES[..., :1]), scenario, companions)
+        RunningAverage(coded(CODES[..., :1]), scenario, companions)
     with pytest.raises(PhotographError, match="100 x 96"):
-        Preparation(coded(np.ones((100, 96, 3), np.uint8)), scenario, Companions())
+        RunningAverage(coded(np.ones((100, 96, 3), np.uint8)), scenario, Companions())
 
 
 def test_the_average_leaves_the_noise_that_it_says(scenario):
@@ -87,10 +86,9 @@ def test_clicks_of_the_exposure_start_the_average_and_its_mask_anew(scenario):
     levels = [2.0] * 5 + [1.6] * 3 + [0.9] * 9
     full = np.zeros((24, 24), bool)
     full[:12] = True
-    prepare = Preparation(light(WALL), scenario, Companions())
-    frames = RunningAverage(prepare)
+    frames = RunningAverage(light(WALL), scenario, Companions())
     for level in levels:
-        frames.add(prepare(light(WALL * level, full if level > 1 else None)), 100)
+        frames.add(light(WALL * level, full if level > 1 else None), 100)
     np.testing.assert_allclose(frames.average, WALL * 0.9, rtol=1e-6)
     assert frames.numbers[0] == pytest.approx(9) and frames._mask.all()
 
@@ -98,17 +96,16 @@ def test_clicks_of_the_exposure_start_the_average_and_its_mask_anew(scenario):
 def test_saturated_pixels_leave_the_mask_now_and_then(scenario, monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(preparation.time, "monotonic", lambda: clock[0])
-    prepare = Preparation(light(WALL), scenario, Companions())
-    frames = RunningAverage(prepare)
+    frames = RunningAverage(light(WALL), scenario, Companions())
     walls = []
     for k in range(4):
         full = np.zeros((24, 24), bool)
         full[k, 3] = True
-        assert "saturated: " in frames.add(prepare(light(WALL, full)))[0]
+        assert "saturated: " in frames.add(light(WALL, full))[0]
         walls.append(frames.wall)
     assert walls[0] is walls[3] and (~walls[0].pixels).sum() == 1
     clock[0] += preparation.STEADY
-    frames.add(prepare(light(WALL)))
+    frames.add(light(WALL))
     assert (~frames.wall.pixels).sum() == 4
 
 
@@ -116,14 +113,13 @@ def test_a_method_formed_before_pixels_saturate_sees_their_average(
     scenario, level, choice, monkeypatch
 ):
     monkeypatch.setattr(preparation, "STEADY", 0)
-    prepare = Preparation(light(WALL), scenario, Companions())
-    frames = RunningAverage(prepare)
-    frames.add(prepare(light(WALL)))
+    frames = RunningAverage(light(WALL), scenario, Companions())
+    frames.add(light(WALL))
     formed = level(photograph=frames.photograph()).fit(choice)
     before = formed.see(frames.photograph(), 0.01, 0).image
     full = np.zeros((24, 24), bool)
     full[5:8] = True
-    frames.add(prepare(light(np.where(full[..., None], 9, WALL), full)))
+    frames.add(light(np.where(full[..., None], 9, WALL), full))
     assert (~frames.wall.pixels).sum() == 72
     after = formed.see(frames.photograph(), 0.01, 1).image
     np.testing.assert_allclose(after, before, atol=0.01 * np.abs(before).max())
@@ -131,11 +127,10 @@ def test_a_method_formed_before_pixels_saturate_sees_their_average(
 
 @pytest.mark.parametrize("white_at", [0, 2])
 def test_a_white_frame_is_left_out(scenario, white_at):
-    prepare = Preparation(light(WALL), scenario, Companions())
-    frames = RunningAverage(prepare)
+    frames = RunningAverage(light(WALL), scenario, Companions())
     for k in range(5):
         white = np.full((24, 24), k == white_at)
-        frame = prepare(light(np.where(white[..., None], 1.0, WALL), white))
+        frame = light(np.where(white[..., None], 1.0, WALL), white)
         if k == white_at:
             with pytest.raises(PhotographError, match="saturated"):
                 frames.add(frame, 9)

@@ -223,13 +223,13 @@ def test_a_single_frame_is_shown_in_full_and_again_after_each_change(monkeypatch
 def test_the_frames_are_prepared_at_a_later_try(monkeypatch):
     tries = []
 
-    def film_areas(*each):
+    def film_pixels(*each):
         tries.append(each)
         if len(tries) == 1:
             raise PhotographError("no tag is visible")
-        return prepare.film_areas(*each)
+        return prepare.FilmPixels(*each)
 
-    monkeypatch.setattr(preparation, "film_areas", film_areas)
+    monkeypatch.setattr(preparation, "FilmPixels", film_pixels)
     brief = Brief(lambda: time.sleep(0.01) or WALL)
     with brief.session, live.running(brief.session):
         brief.until(lambda: brief.shown)

@@ -1,10 +1,15 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.photographs.resampling import AreaMap, Flaw, average_areas, block_corners
+from periscopy_sim.photographs.resampling import AreaMap, Flaw, block_corners
 
 IMAGE = np.random.default_rng(5).uniform(1, 2, (12, 18, 3)).astype(np.float32)
 SOUND = np.zeros(IMAGE.shape[:2], np.uint8)
+
+
+def average_areas(image, flaws, corners):
+    areas = AreaMap(flaws, corners)
+    return areas.average(image), areas.kinds
 
 
 def sampled(image, corners, count):
@@ -80,7 +85,7 @@ def test_noise_of_neighbours_is_nearly_independent():
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_kept_areas_average_codes_as_areas_computed_anew_average_their_light(dtype):
+def test_codes_are_averaged_as_their_light_and_saturation_shows(dtype):
     rng = np.random.default_rng(3)
     codes = rng.integers(0, 200, IMAGE.shape).astype(dtype)
     table = np.linspace(0, 1, 256, dtype=np.float32) ** 2
