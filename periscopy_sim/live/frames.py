@@ -30,15 +30,12 @@ from periscopy_sim.storage.formats.srgb import srgb_light
 from periscopy_sim.storage.formats.table import suffixes
 from periscopy_sim.storage.photographs import read_sensor_image
 
-POLL = 0.2
-"""Seconds between two looks at a folder; a file that stays the same between them is whole."""
-
-PATIENCE = 3.0
-"""Seconds that a file may stay unreadable, or end in zeros, as while it is written."""
+POLL, PATIENCE = 0.2, 3.0
+"""Seconds between two looks at a folder, from one of which to the next a whole file stays the same;
+and seconds that a file may stay unreadable, or end in zeros, as while it is written."""
 
 ZEROS = 4096
-"""Bytes at a file's end that are all 0 where a program has set the size before it writes, as copies
-over networks do."""
+"""Bytes at a file's end that are 0 where its size was set before, as copies over networks do."""
 
 Item = TypeVar("Item")
 Say = Callable[[str], None]
@@ -74,9 +71,9 @@ class CameraFrame:
 def light_of_codes(
     kind: np.dtype[np.unsignedinteger], *, linear: bool, white: float | None = None
 ) -> NDArray[np.float32]:
-    """Return the light of each code: 1 for the largest sRGB code, a linear code itself.
+    """Return the light of each code, infinite from `white` on, None for the largest code.
 
-    It is infinite from `white` on, None for the largest code.
+    The others are 1 at most by the sRGB curve, or the codes themselves.
     """
     codes = np.arange(np.iinfo(kind).max + 1, dtype=kind)
     light = (codes if linear else srgb_light(codes)).astype(np.float32)
@@ -96,7 +93,8 @@ class Latest(Generic[Item]):
 
     def put(self, item: Item | None = None) -> None:
         """Offer an item, or the latest one once more."""
-        self.item = self.item if item is None else item
+        if item is not None:
+            self.item = item
         self._changed.set()
 
     def close(self) -> None:
@@ -119,9 +117,8 @@ def open_source(
 ) -> Source:
     """Return the source that a folder is, or a function, itself or as ``file.py:function``.
 
-    With `linear`, integers of a function are linear light. `white` is the value from which on a
-    pixel is saturated; None for a function: the largest of its integers' type. For a folder see
-    `read_sensor_image`. A PeriscopyError says that there is none, or it cannot be imported.
+    For `linear` and `white` see `watch`, for the other words of a folder `read_sensor_image`. A
+    PeriscopyError says that there is no such source, or it cannot be imported.
     """
     function, name = source, getattr(source, "__qualname__", type(source).__name__)
     if not callable(source):

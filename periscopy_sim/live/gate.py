@@ -64,8 +64,8 @@ class Gate:
 
     It listens as `listen` does. `receive` takes a message of a viewer, decoded, and raises a
     ValueError if the page offers nothing like it; one message at a time, in a thread of each
-    viewer. `token` begins the only path that the server serves, `rejected` counts connections and
-    messages, which the log names.
+    viewer. The server serves the page alone, at every path that begins with `token`;
+    `rejected` counts connections and messages, which the log names.
     """
 
     def __init__(self, host: str, port: int, receive: Callable[[Any], None]) -> None:
@@ -151,8 +151,6 @@ class Gate:
             return viewer.respond(HTTPStatus.FORBIDDEN, f"{fault}\n")
         if "Upgrade" in request.headers:
             return None
-        if _parts(request)[1:] not in ([], [""]):
-            return viewer.respond(HTTPStatus.NOT_FOUND, "no such file\n")
         headers = Headers({
             "Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(PAGE)),
             "Content-Security-Policy": POLICY, "X-Content-Type-Options": "nosniff",
@@ -168,7 +166,8 @@ class Gate:
         # A page that is opened has no origin yet; a websocket always has that of its page.
         if origins != [f"http://{hosts[0]}"] and (origins or "Upgrade" in request.headers):
             return "the request comes from another page"
-        if not secrets.compare_digest(_parts(request)[0].encode(), self.token.encode()):
+        first = request.path.partition("?")[0].removeprefix("/").partition("/")[0]
+        if not secrets.compare_digest(first.encode(), self.token.encode()):
             return "the address lacks the token that the command printed"
         return ""
 
@@ -184,7 +183,3 @@ class Gate:
         with self._receiving:
             self.rejected += 1
         LOG.info("the page dropped %.200s", ascii(fault))
-
-
-def _parts(request: Request) -> list[str]:
-    return request.path.partition("?")[0].removeprefix("/").split("/")

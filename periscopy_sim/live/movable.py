@@ -67,10 +67,8 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
     Numbers that no neighbour can replace, such as whole ones, and those that change the
     photograph's size are left out. A SceneError says that nothing can be moved.
     """
-    document, errors, parts = (
-        scenario.document, declared_errors(scenario.document), parts_of(scenario)
-    )  # fmt: skip
-    movables = list[Movable]()
+    document, parts = scenario.document, parts_of(scenario)
+    errors, movables = declared_errors(document), list[Movable]()
     moves = dict[frozenset[str], dict[str, Array]]()  # by parts: what shifts them, metres per unit
     for name, text in document.values.items():
         if name in document.errors or name == CALIBRATED:

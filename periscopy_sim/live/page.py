@@ -5,7 +5,6 @@ sends, and sends what a person sets.
 """
 
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,9 +28,6 @@ GESTURE = 1.0
 
 IN_SPACE = 0.2
 """Seconds between two frames of a stream in the 3-D view, which some browsers draw in software."""
-
-MOVES = 100
-"""Moves that can be undone."""
 
 SBRS = 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0
 """The signal-to-background ratios of the page's list."""
@@ -70,7 +66,7 @@ def slider(
 
 
 class Page:
-    """A page on a port of this computer, at first without pictures; see `show`.
+    """A page on a port of this computer, 0 for a free one; at first without pictures, see `show`.
 
     A viewer chooses among the shipped images, if the `first` choice has one, and the methods. The
     page calls `want` with each new choice and the seconds after which that counts as at rest, and
@@ -98,10 +94,10 @@ class Page:
         self._movables = {each.name: each for each in movables}
         self.handles = {each.name: each for each in handles}
         self.choice = replace(first, values={each.name: each.value for each in movables})
-        self._moves = deque[Mapping[str, float]](maxlen=MOVES)  # values before each
+        self._moves = list[Mapping[str, float]]()  # values before each
         self._moved, self._moved_at = frozenset[str](), 0.0
         self._drawn: Scenario | None = None
-        self._space_due = 0.0
+        self._space_due = 0.0  # when the 3-D view shows a frame again
         self.controls = self._controls(more, save)
         self.gate = Gate(host, port, self._receive)
         self.gate.publish(

@@ -3,8 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -201,14 +200,16 @@ class SizedLaboratory:
         scenario: Scenario = kept("scenario", values, lambda: self.scenario.at(**moved))
         truth, noise, given = None, NOISE, self._photograph  # averages to come have little noise
         if choice.image:
-            path = find_image(choice.image)
-            truth = kept("f", path, lambda: self._shown(path))
+            hidden, read = scenario.hidden, partial(read_hidden_image, find_image(choice.image))
+            by_id = hidden.shapes.items()  # all surfaces show the image
+            truth = kept("f", read.args, lambda: hidden.unwrapped({n: read(s) for n, s in by_id}))
         if given is None:
             noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
         else:
             whole = given() if callable(given) else given
             photograph = averaged_photograph(whole, scenario.photograph_shape)
-            noise = NOISE if callable(given) else relative_noise(photograph) or NOISE
+            known = None if callable(given) else relative_noise(photograph)
+            noise = NOISE if known is None else known
 
         def transport(name: str) -> tuple[TransportPlan, Any]:
             """Return A for a method, and its plan."""
@@ -239,15 +240,8 @@ class SizedLaboratory:
         if plan.error > max(noise, PRECISION):
             errors = {"error": 100 * plan.error, "noise": 100 * noise, "model": plan.by}
             notes.append(Note("transport_error", {"name": "A", **errors}))
-        return FittedChoice(
-            choice, scenario, self.is_coarse, truth, method, photograph, notes, begun
-        )
-
-    def _shown(self, path: Path) -> Any:
-        """Return an image that every hidden surface shows."""
-        hidden = self.scenario.hidden
-        shapes = hidden.shapes.items()
-        return hidden.unwrapped({name: read_hidden_image(path, shape) for name, shape in shapes})
+        of = choice, scenario, self.is_coarse, truth
+        return FittedChoice(*of, method, photograph, notes, begun)
 
     def _plan(self, name: str, scenario: Scenario, noise: float) -> TransportPlan:
         """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
@@ -281,6 +275,5 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     largest = max(map(max, hidden.shapes.values()))
     most = largest * np.sqrt(used * np.prod(shape) / hidden.patches / 2)
     sizes, scene = limit_sizes(hidden, max(1, int(min(longest, most)))), scenario.scene
-    return Scenario(
-        View.of(scene, shape, camera=scenario.view.camera), Hidden.of_scene(scene, sizes)
-    )
+    view = View.of(scene, shape, camera=scenario.view.camera)
+    return Scenario(view, Hidden.of_scene(scene, sizes))

