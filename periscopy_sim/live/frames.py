@@ -4,7 +4,6 @@ A source yields each frame as soon as it is whole. It reports a fault in one lin
 it can.
 """
 
-import inspect
 import os
 import reprlib
 import time
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.evaluation.own_code import OwnCode, own_errors
+from periscopy_sim.evaluation.own_code import OwnCode, own_errors, place_of
 from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import with_channels
 from periscopy_sim.photographs.defects import plateaus
@@ -241,7 +240,7 @@ def _frames_of(
         if values is None:
             return
         try:
-            frame = _frame_of(values, f"{name}{_line_of(function)}", linear, white, number)
+            frame = _frame_of(values, f"{name}{place_of(function)}", linear, white, number)
         except PhotographError as error:
             yield error
             continue
@@ -281,10 +280,3 @@ def _frame_of(
     codes = np.array(array, array.dtype.newbyteorder("="))
     table = light_of_codes(codes.dtype, linear=linear, white=white)
     return CameraFrame(codes, table, number=number)
-
-
-def _line_of(function: Callable[..., Any]) -> str:
-    """Return the file and the first line of a function, in brackets; empty where it has none."""
-    code = getattr(inspect.unwrap(function), "__code__", None)
-    code = code or getattr(type(function).__call__, "__code__", None)
-    return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""

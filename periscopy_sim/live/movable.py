@@ -55,11 +55,6 @@ class Handle:
         moved = np.linalg.lstsq(self.directions.T, position - self.center, rcond=None)[0]
         return dict(zip(self.names, (self.start + moved).tolist(), strict=True))
 
-    @property
-    def axes(self) -> tuple[bool, ...]:
-        """Whether it moves along x, y and z."""
-        return tuple(np.any(self.directions != 0, axis=0).tolist())
-
 
 def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle, ...]]:
     """Return the movable parameters of a scene, in the file's order, and its handles.

@@ -21,10 +21,8 @@ from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import scenes_folder
 
 REST = {"slider": 0.3, "handle": 1.0}
-"""Seconds after which a control counts as at rest; only a handle reports its release."""
-
-GESTURE = 1.0
-"""Seconds without a change after which a further change of the same numbers is another move."""
+"""Seconds after which a control counts as at rest; only a handle reports its release. After the
+longer ones a further change of the same numbers is another move."""
 
 IN_SPACE = 0.2
 """Seconds between two frames of a stream in the 3-D view, which some browsers draw in software."""
@@ -106,20 +104,20 @@ class Page:
         )  # fmt: skip
         self._refresh()
 
-    def show(self, pictures: LivePictures, *lines: str) -> None:
-        """Show pictures with their captions and notes, and lines on a stream."""
+    def show(self, pictures: LivePictures, **parts: Any) -> None:
+        """Show pictures with their captions and notes, and other parts of the state."""
         size = "coarse" if pictures.is_coarse else "full"
         notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.1f} s"
         panels = [each.look() for each in panels_of(pictures)]
         # A scene that has not moved keeps its occluders, and shows some of a stream's frames.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
-        now, things = time.monotonic(), dict[str, Any]()
+        now = time.monotonic()
         if is_moved:
-            things["occluders"] = [mesh_of(each) for each in pictures.scenario.view.occluders]
+            parts["occluders"] = [mesh_of(each) for each in pictures.scenario.view.occluders]
         if is_moved or pictures.frame is None or now >= self._space_due:
-            things |= images_in(pictures)
+            parts |= images_in(pictures)
             self._space_due = now + IN_SPACE
-        self.gate.publish(panels=panels, status=lines, notes=notes, **things)
+        self.gate.publish(panels=panels, notes=notes, **parts)
 
     def report(self, text: str) -> None:
         """Show why there are no pictures of the present choice; empty where there are."""
@@ -196,7 +194,7 @@ class Page:
         limits, names, now = self._movables, frozenset(values), time.monotonic()
         within = {n: min(max(v, limits[n].low), limits[n].high) for n, v in values.items()}
         within = {**self.choice.values, **within}
-        is_other = names != self._moved or now - self._moved_at > GESTURE
+        is_other = names != self._moved or now - self._moved_at > REST["handle"]
         if is_other and within != self.choice.values:
             self._moves.append(self.choice.values)
         self._moved, self._moved_at = names, now
@@ -215,7 +213,11 @@ class Page:
         """Show what is set: the controls' values, and where handles are."""
         values = self.choice.values
         handles = [
-            {"name": name, "axes": each.axes, "position": each.position(values).tolist()}
+            {
+                "name": name,
+                "axes": (each.directions != 0).any(axis=0).tolist(),
+                "position": each.position(values).tolist(),
+            }
             for name, each in self.handles.items()
         ]
         shown = {name: control.value() for name, control in self.controls.items()}

@@ -57,6 +57,10 @@ class Overtaken(Exception):  # noqa: N818  nothing is wrong
     """A newer choice came."""
 
 
+Check = Callable[..., None]
+"""Raises `Overtaken` if a newer choice came, whatever its arguments."""
+
+
 @dataclass(frozen=True, eq=False)
 class LivePictures:
     """A laboratory's photograph and its reconstruction, (R, C, 3), of several surfaces by id.
@@ -180,11 +184,8 @@ class SizedLaboratory:
         self._photograph = photograph
         self._kept: dict[str, tuple[object, Any]] = {}
 
-    def fit(self, choice: Choice, check: Callable[..., None] = lambda *_: None) -> FittedChoice:
-        """Fit the method of a choice; a PeriscopyError says what of it does not exist.
-
-        `check`, called often and with any arguments, may raise `Overtaken`.
-        """
+    def fit(self, choice: Choice, check: Check = lambda *_: None) -> FittedChoice:
+        """Fit the method of a choice; a PeriscopyError says what of it does not exist."""
         begun = time.perf_counter()
 
         def kept(name: str, key: object, make: Callable[[], Any]) -> Any:

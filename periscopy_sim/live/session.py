@@ -5,14 +5,21 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from threading import Condition, Thread
+from threading import Event, Thread
 from typing import Self
 
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.page import Control, Page
-from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
+from periscopy_sim.live.pictures import (
+    Check,
+    Choice,
+    LivePictures,
+    Overtaken,
+    SizedLaboratory,
+    coarse,
+)  # fmt: skip
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
@@ -56,10 +63,9 @@ class LiveSession:
         self._coarse = SizedLaboratory(small, photograph, light, is_coarse=True, seed=seed)
         self._full = SizedLaboratory(scenario, photograph, light, is_coarse=False, seed=seed)
         self._behind = list[SizedLaboratory]()  # the latest choice, coarse before full
-        self._changed, self._stopped = Condition(), False
+        self._changed, self.ended, self._jobs = Event(), Event(), list[Job]()
         self._done: Choice | None = None  # in full
         self._rests = 0.0  # when the latest choice counts as at rest
-        self._jobs = list[Job]()
 
         def save_full() -> None:
             self.page.report(save(self._full.fit(self._choice).pictures()))
@@ -74,9 +80,7 @@ class LiveSession:
         """Return further controls of the page, by name."""
         return {}
 
-    def follow(
-        self, laboratory: SizedLaboratory, choice: Choice, check: Callable[..., None]
-    ) -> None:
+    def follow(self, laboratory: SizedLaboratory, choice: Choice, check: Check) -> None:
         """Compute and show the pictures of a choice; for `check` see `SizedLaboratory.fit`."""
         pictures = laboratory.fit(choice, check).pictures()
         check()
@@ -91,27 +95,22 @@ class LiveSession:
 
         None: the latest choice once more, in full alone where that was done.
         """
-        with self._changed:
-            self._choice = self._choice if choice is None else choice
-            if self._done != self._choice:
-                self._behind, self._done = [self._coarse, self._full], None
-            elif not self._behind:
-                self._behind = [self._full]
-            self._rests = time.monotonic() + rest
-            self._changed.notify()
+        self._rests = time.monotonic() + rest
+        self._choice = self._choice if choice is None else choice
+        is_done, self._done = self._done == self._choice, None
+        self._behind = [self._full] if is_done else [self._coarse, self._full]
+        self._changed.set()
 
     def at_rest(self, job: Job) -> None:
         """Call a function once the latest choice is done in full, or has failed; do so at once."""
-        with self._changed:
-            self._jobs.append(job)
-            self._rests = 0.0
-            self._changed.notify()
+        self._jobs.append(job)
+        self._rests = 0.0
+        self._changed.set()
 
     def stop(self) -> None:
         """End `run` after the present stage of its work."""
-        with self._changed:
-            self._stopped = True
-            self._changed.notify()
+        self.ended.set()
+        self._changed.set()
 
     def run(self) -> None:
         """Show whatever is set, until `stop`."""
@@ -137,24 +136,23 @@ class LiveSession:
 
     def _next(self) -> tuple[SizedLaboratory | None, Job] | None:
         """Wait for a laboratory that is behind the latest choice, or for another job."""
-        with self._changed:
-            while not self._stopped:
-                pause = None
-                if self._behind:
-                    is_coarse = self._behind[0] is self._coarse
-                    pause = 0.0 if is_coarse else self._rests - time.monotonic()
-                    if pause <= 0:
-                        laboratory = self._behind.pop(0)
-                        return laboratory, partial(self._follow, laboratory, self._choice)
-                elif self._jobs:
-                    return None, self._jobs.pop(0)
-                self._changed.wait(pause)
+        while not self.ended.is_set():
+            self._changed.clear()  # before a look at what is wanted: no change is missed
+            pause, behind = None, self._behind
+            if behind:
+                pause = 0.0 if behind[0] is self._coarse else self._rests - time.monotonic()
+                if pause <= 0:
+                    laboratory = behind.pop(0)
+                    return laboratory, partial(self._follow, laboratory, self._choice)
+            elif self._jobs:
+                return None, self._jobs.pop(0)
+            self._changed.wait(pause)
         return None
 
     def _follow(self, laboratory: SizedLaboratory, choice: Choice) -> None:
         def check(*_: object) -> None:
             # Coarse pictures are finished, so that a drag shows some.
-            if self._stopped or (laboratory is self._full and self._coarse in self._behind):
+            if self.ended.is_set() or (laboratory is self._full and self._coarse in self._behind):
                 raise Overtaken
 
         self.follow(laboratory, choice, check)

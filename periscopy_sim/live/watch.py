@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
-from threading import Event, RLock
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from periscopy_sim.evaluation.methods import find_method
 from periscopy_sim.live.frames import CameraFrame, Latest, Say, Source, open_source
 from periscopy_sim.live.movable import Movable
 from periscopy_sim.live.page import Control, button, slider
-from periscopy_sim.live.pictures import Choice, FittedChoice, LivePictures, SizedLaboratory
+from periscopy_sim.live.pictures import Check, Choice, FittedChoice, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, RunningAverage
 from periscopy_sim.live.session import Job, LiveSession
 from periscopy_sim.numerics import Mask
@@ -90,7 +90,7 @@ class WatchSession(LiveSession):
         self._companions, self.count = companions or Companions(), count
         self._say, self._said, self._record = say, dict[str, float](), record
         self.verdict: Report | None = None
-        self.ended, self._read = Event(), Latest[CameraFrame | PhotographError]()
+        self._read = Latest[CameraFrame | PhotographError]()
         self.fault: Exception | None = None
         self._averages = Latest[tuple[Photograph, Progress]]()
         self._frames: RunningAverage | None = None
@@ -109,10 +109,9 @@ class WatchSession(LiveSession):
 
     def stop(self) -> None:
         """End all steps; the frames on their way are dropped."""
-        self.ended.set()
+        super().stop()
         self._read.close()
         self._averages.close()
-        super().stop()
 
     @property
     def dropped(self) -> int:
@@ -142,9 +141,7 @@ class WatchSession(LiveSession):
             raise PeriscopyError(self.notice)
         return self._averages.item[0]
 
-    def follow(
-        self, laboratory: SizedLaboratory, choice: Choice, check: Callable[..., None]
-    ) -> None:
+    def follow(self, laboratory: SizedLaboratory, choice: Choice, check: Check) -> None:
         """Fit the method of a choice to the present average, for frames to come."""
         self._fitted = laboratory.fit(choice, check)
         self.verdict, self._judged = None, 0.0
@@ -189,16 +186,13 @@ class WatchSession(LiveSession):
         if now > self._said.get(kind, -np.inf) + REPEATS:
             self._say(line)
         self._said[kind], self._expires = now, now + NEWS
-        self._show_lines()
+        self.page.gate.publish(**self._status())
 
-    def _status(self) -> list[str]:
-        """Return the numbers, the verdict and what has just happened."""
+    def _status(self) -> dict[str, list[str]]:
+        """Return the numbers, the verdict and what has just happened, for the page."""
         sentences = self._describe(self.verdict) if self.verdict else ()
         news = [self.notice] if time.monotonic() < self._expires else []
-        return [*self._lines, *sentences, *news]
-
-    def _show_lines(self) -> None:
-        self.page.gate.publish(**{"status" if self.shown else "trouble": self._status()})
+        return {"status" if self.shown else "trouble": [*self._lines, *sentences, *news]}
 
     # -- the three steps ---------------------------------------------------------------------------
 
@@ -261,14 +255,13 @@ class WatchSession(LiveSession):
             self._averages.put((photograph, progress))
 
     def _show_frames(self) -> None:
-        first, latest = 0.0, tuple[Any, ...]()  # the average shown, and its method
+        first, number, latest = 0.0, -1, tuple[Any, ...]()  # the average and its method
         for average in self._averages:
             fitted, (photograph, progress) = self._fitted, average
             if self.ended.is_set():
                 break
             if fitted is None or (average, fitted) == latest:
                 continue
-            is_again = bool(latest) and progress.frame == latest[0][1].frame
             latest = average, fitted
             try:
                 pictures = fitted.see(photograph, progress.noise_left, progress.frame)
@@ -276,17 +269,16 @@ class WatchSession(LiveSession):
                 self.report(str(error))
                 continue
             first, now = first or progress.time, time.monotonic()
-            self.shown += not is_again
+            if progress.frame != number:  # else again, by another method
+                number, self.shown = progress.frame, self.shown + 1
+                self._times.append((now, now - progress.time))
             progress = replace(
                 progress, time=progress.time - first, latency=now - progress.time,
                 dropped=progress.frame + 1 - self.shown,
             )  # fmt: skip
             self._lines = self._numbers(progress)
             self._record(pictures, progress)
-            self.page.show(pictures, *self._status())
-            if not is_again:
-                shown = time.monotonic()
-                self._times.append((shown, shown - average[1].time))
+            self.page.show(pictures, **self._status())
             if now >= self._judged and not fitted.is_coarse:
                 self._judged = now + JUDGED
                 self.at_rest(self._judge)
@@ -317,7 +309,7 @@ class WatchSession(LiveSession):
             verdict = fitted.judge(self.photograph())
             if verdict and fitted is self._fitted:
                 self.verdict = verdict
-                self._show_lines()
+                self.page.gate.publish(**self._status())
 
 
 def watch(
