@@ -133,17 +133,14 @@ class Recorder:
         from periscopy_sim.evaluation.video_metrics import record_of
 
         images = named("frames", self._session.scenario.hidden.images(pictures.image))
-        report, residual = pictures.report, pictures.report.residual
+        choice, residual = pictures.choice, pictures.report.residual
         row: dict[str, Any] = {
-            "frame": progress.frame,
-            "time": f"{progress.time:.4f}",
-            "method": pictures.choice.method,
-            **record_of(progress.frame, "", pictures.seconds, report.numbers),
+            "frame": progress.frame, "time": f"{progress.time:.4f}", "method": choice.method,
+            **record_of(progress.frame, "", pictures.seconds, pictures.report.numbers),
             "unexplained": residual.unexplained if residual else "",
             **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged")},
-            "noise_left": progress.noise_left if progress.averaged > 1 else "",
-            **pictures.choice.values,
-        }
+            "noise_left": progress.noise_left if progress.averaged > 1 else "", **choice.values,
+        }  # fmt: skip
         del row["name"]
         with WRITING, unwritable_reported(self._folder / "metrics.csv"):
             if self._file is None:
@@ -153,8 +150,8 @@ class Recorder:
                 table = csv.DictWriter(file, [*row], extrasaction="ignore", lineterminator="\n")
                 self._file, self._table = file, table
                 table.writeheader()
-                for stem, image in images.items():
-                    self._stacks[stem] = GrowingStack(self._folder / f"{stem}.npy", image.shape)
+                places = {stem: self._folder / f"{stem}.npy" for stem in images}
+                self._stacks = {n: GrowingStack(places[n], f.shape) for n, f in images.items()}
             for stem, image in images.items():
                 self._stacks[stem].append(image)
             self._table.writerow(row)
