@@ -72,7 +72,7 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
 
     def record(_: Any, progress: Any) -> None:
         arrivals.append(time.time() - progress.latency)
-        session.page.gate.publish(taken=arrivals[-1])
+        session.gate.publish(taken=arrivals[-1])
 
     def shown(*given: Any) -> None:
         show(*given)
@@ -86,8 +86,8 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
         ) as session,
         running(session),
     ):  # fmt: skip
-        show, session.page.show = session.page.show, shown  # type: ignore[method-assign]
-        with reader(session.page.gate.url):
+        show, session.show = session.show, shown  # type: ignore[method-assign]
+        with reader(session.gate.url):
             while session.shown < RATE * WARM_UP:
                 time.sleep(0.1)
             latencies.clear()

@@ -5,6 +5,7 @@ sends, and sends what a person sets.
 """
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -63,14 +64,13 @@ def slider(
     )
 
 
-class Page:
+class Page(ABC):
     """A page on a port of this computer, 0 for a free one; at first without pictures, see `show`.
 
-    A viewer chooses among the shipped images, if the `first` choice has one, and the methods. The
-    page calls `want` with each new choice and the seconds after which that counts as at rest, and
-    `save` when its button is pressed. `describe` returns a report's sentences, `more` are further
-    controls by name. `choice` is the present one, `gate` serves the page. A PeriscopyError says
-    that the extra is not installed, the port is taken, or nothing of the scene can be moved.
+    A viewer chooses among the shipped images, if the `first` choice has one, and the methods.
+    `describe` returns a report's sentences. `choice` is the present one, `gate` serves the page. A
+    PeriscopyError says that the extra is not installed, the port is taken, or nothing of the scene
+    can be moved.
     """
 
     def __init__(
@@ -80,14 +80,11 @@ class Page:
         scenario: Scenario,
         first: Choice,
         describe: Callable[[Report], Sequence[str]],
-        want: Callable[[Choice, float], None],
-        save: Callable[[], None],
-        more: Mapping[str, Control],
     ) -> None:
         require("websockets")
         from periscopy_sim.live.gate import Gate
 
-        self._want, self._describe = want, describe
+        self._describe = describe
         movables, handles = find_movables(scenario)
         self._movables = {each.name: each for each in movables}
         self.handles = {each.name: each for each in handles}
@@ -96,7 +93,7 @@ class Page:
         self._moved, self._moved_at = frozenset[str](), 0.0
         self._drawn: Scenario | None = None
         self._space_due = 0.0  # when the 3-D view shows a frame again
-        self.controls = self._controls(more, save)
+        self.controls = self._controls()
         self.gate = Gate(host, port, self._receive)
         self.gate.publish(
             room=room_of(scenario), trouble=["computing the first pictures"],
@@ -119,13 +116,23 @@ class Page:
             self._space_due = now + IN_SPACE
         self.gate.publish(panels=panels, notes=notes, **parts)
 
-    def report(self, text: str) -> None:
-        """Show why there are no pictures of the present choice; empty where there are."""
+    def show_trouble(self, text: str, *, is_coarse: bool = False) -> None:  # noqa: ARG002
+        """Show why there are no pictures of the present choice, or no coarse ones; or nothing."""
         self.gate.publish(trouble=[text] if text else [])
 
-    def _controls(
-        self, more: Mapping[str, Control], save: Callable[[], None]
-    ) -> dict[str, Control]:
+    @abstractmethod
+    def want(self, rest: float = 0.0) -> None:
+        """Follow the present choice, which counts as at rest after so many seconds."""
+
+    @abstractmethod
+    def save(self) -> None:
+        """Do what the page's button is for."""
+
+    def further_controls(self) -> Mapping[str, Control]:
+        """Return further controls of the page, by name."""
+        return {}
+
+    def _controls(self) -> dict[str, Control]:
         """Return the page's controls, by the names in its messages, from top to bottom."""
         first = self.choice
 
@@ -163,8 +170,8 @@ class Page:
             **controls,
             "undo": button(lambda: "Undo the last move (Ctrl+Z)", self._undo),
             "reset": reset,
-            **more,
-            "save": button(lambda: "Set: write scene and pictures", save),
+            **self.further_controls(),
+            "save": button(lambda: "Set: write scene and pictures", self.save),
         }
 
     # -- in the server's thread --------------------------------------------------------------------
@@ -207,7 +214,7 @@ class Page:
 
     def _change(self, rest: float, **changes: Any) -> None:
         self.choice = replace(self.choice, **changes)
-        self._want(self.choice, rest)
+        self.want(rest)
 
     def _refresh(self) -> None:
         """Show what is set: the controls' values, and where handles are."""

@@ -3,7 +3,7 @@
 import logging
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from threading import Event, Thread
 from typing import Self
@@ -11,7 +11,7 @@ from typing import Self
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.page import Control, Page
+from periscopy_sim.live.page import Page
 from periscopy_sim.live.pictures import (
     Check,
     Choice,
@@ -29,7 +29,7 @@ LOG = logging.getLogger(__name__)
 Job = Callable[[], None]
 
 
-class LiveSession:
+class LiveSession(Page):
     """A laboratory on a page that follows a person's choices; a context, which closes the page.
 
     It shows coarse pictures at once, full ones at rest. There is no queue: it takes the latest
@@ -67,39 +67,32 @@ class LiveSession:
         self._done: Choice | None = None  # in full
         self._rests = 0.0  # when the latest choice counts as at rest
 
-        def save_full() -> None:
-            self.page.report(save(self._full.fit(self._choice).pictures()))
-
-        self.page = Page(
-            host, port, small, first, describe, self.want, partial(self.at_rest, save_full),
-            self.controls(),
-        )  # fmt: skip
-        self._choice = self.page.choice
-
-    def controls(self) -> Mapping[str, Control]:
-        """Return further controls of the page, by name."""
-        return {}
+        self._save = save
+        super().__init__(host, port, small, first, describe)
 
     def follow(self, laboratory: SizedLaboratory, choice: Choice, check: Check) -> None:
         """Compute and show the pictures of a choice; for `check` see `SizedLaboratory.fit`."""
         pictures = laboratory.fit(choice, check).pictures()
         check()
-        self.page.show(pictures)
+        self.show(pictures)
 
-    def fail(self, line: str, *, is_coarse: bool) -> None:  # noqa: ARG002
-        """Show why a choice has no pictures; empty after a success."""
-        self.page.report(line)
+    def want(self, rest: float = 0.0) -> None:
+        """Follow the present choice; in full, unless another one comes within so many seconds.
 
-    def want(self, choice: Choice | None = None, rest: float = 0.0) -> None:
-        """Follow a choice; in full, unless another one comes within so many seconds.
-
-        None: the latest choice once more, in full alone where that was done.
+        A choice that is done in full is followed in full alone.
         """
         self._rests = time.monotonic() + rest
-        self._choice = self._choice if choice is None else choice
-        is_done, self._done = self._done == self._choice, None
+        is_done, self._done = self._done == self.choice, None
         self._behind = [self._full] if is_done else [self._coarse, self._full]
         self._changed.set()
+
+    def save(self) -> None:
+        """Save the full pictures of the present choice, and show the line that this returns."""
+
+        def write() -> None:
+            self.gate.publish(trouble=[self._save(self._full.fit(self.choice).pictures())])
+
+        self.at_rest(write)
 
     def at_rest(self, job: Job) -> None:
         """Call a function once the latest choice is done in full, or has failed; do so at once."""
@@ -132,7 +125,7 @@ class LiveSession:
                     if not isinstance(error, PeriscopyError):
                         LOG.error("the page goes on after an error", exc_info=error)
                         fault = PeriscopyError(f"{type(error).__name__}: {error}")
-                    self.fail(str(fault), is_coarse=laboratory is self._coarse)
+                    self.show_trouble(str(fault), is_coarse=laboratory is self._coarse)
 
     def _next(self) -> tuple[SizedLaboratory | None, Job] | None:
         """Wait for a laboratory that is behind the latest choice, or for another job."""
@@ -143,7 +136,7 @@ class LiveSession:
                 pause = 0.0 if behind[0] is self._coarse else self._rests - time.monotonic()
                 if pause <= 0:
                     laboratory = behind.pop(0)
-                    return laboratory, partial(self._follow, laboratory, self._choice)
+                    return laboratory, partial(self._follow, laboratory, self.choice)
             elif self._jobs:
                 return None, self._jobs.pop(0)
             self._changed.wait(pause)
@@ -157,7 +150,7 @@ class LiveSession:
 
         self.follow(laboratory, choice, check)
         self._done = choice if laboratory is self._full else None
-        self.fail("", is_coarse=laboratory is self._coarse)
+        self.show_trouble("")
 
     def __enter__(self) -> Self:
         """Return the session, whose page is open."""
@@ -166,4 +159,4 @@ class LiveSession:
     def __exit__(self, *_: object) -> None:
         """End all."""
         self.stop()
-        self.page.gate.close()
+        self.gate.close()

@@ -86,7 +86,7 @@ class WatchSession(LiveSession):
         record: Record = lambda *_: None,
         **page: Any,
     ) -> None:
-        self._source, self._scenario, self._describe = source, scenario, describe
+        self._source, self._scenario = source, scenario
         self._companions, self.count = companions or Companions(), count
         self._say, self._said, self._record = say, dict[str, float](), record
         self.verdict: Report | None = None
@@ -147,13 +147,13 @@ class WatchSession(LiveSession):
         self.verdict, self._judged = None, 0.0
         self._averages.put()
 
-    def fail(self, line: str, *, is_coarse: bool) -> None:
-        """Show why there are no pictures; print why there will be none."""
-        super().fail(line, is_coarse=is_coarse)
-        if line and not is_coarse and self._averages.item is not None:
-            self.report(line)
+    def show_trouble(self, text: str, *, is_coarse: bool = False) -> None:
+        """Show why there are no pictures; print why there will be none in full size."""
+        super().show_trouble(text)
+        if text and not is_coarse and self._averages.item is not None:
+            self.report(text)
 
-    def controls(self) -> Mapping[str, Control]:
+    def further_controls(self) -> Mapping[str, Control]:
         """Return the controls of the average and its monitor-off frame."""
         number = Movable("Average", self.count, 1.0, MOST_AVERAGED, 1.0, "frames")
         set_count = lambda value: setattr(self, "count", round(value))  # noqa: E731
@@ -186,7 +186,7 @@ class WatchSession(LiveSession):
         if now > self._said.get(kind, -np.inf) + REPEATS:
             self._say(line)
         self._said[kind], self._expires = now, now + NEWS
-        self.page.gate.publish(**self._status())
+        self.gate.publish(**self._status())
 
     def _status(self) -> dict[str, list[str]]:
         """Return the numbers, the verdict and what has just happened, for the page."""
@@ -278,7 +278,7 @@ class WatchSession(LiveSession):
             )  # fmt: skip
             self._lines = self._numbers(progress)
             self._record(pictures, progress)
-            self.page.show(pictures, **self._status())
+            self.show(pictures, **self._status())
             if now >= self._judged and not fitted.is_coarse:
                 self._judged = now + JUDGED
                 self.at_rest(self._judge)
@@ -309,7 +309,7 @@ class WatchSession(LiveSession):
             verdict = fitted.judge(self.photograph())
             if verdict and fitted is self._fitted:
                 self.verdict = verdict
-                self.page.gate.publish(**self._status())
+                self.gate.publish(**self._status())
 
 
 def watch(
@@ -374,7 +374,7 @@ def watch(
         open_source(source, linear=linear, white=white), scenario, method, save, lambda _: (),
         companions=companions, count=average, record=record, host=host, port=port,
     ) as session:  # fmt: skip
-        print(session.page.gate.url, flush=True)
+        print(session.gate.url, flush=True)
         session.run()
     if session.fault is not None:
         raise session.fault

@@ -32,7 +32,7 @@ class Target:
         scenario, self.saved = load_scenario("plate", HIDDEN, photograph=PHOTOGRAPH), []
         light = np.ones((*PHOTOGRAPH, 3))
         self.session = opened(scenario, "overcast", light, self.save)
-        self.page, self.gate = self.session.page, self.session.page.gate
+        self.gate = self.session.gate
         self.origin = f"http://127.0.0.1:{self.gate.port}"
 
     def save(self, pictures):
@@ -65,7 +65,7 @@ class Target:
 
     def goes_on(self):
         """Show that a new wish of the page itself is granted."""
-        snr = 30.0 if self.page.choice.snr != 30 else 40.0
+        snr = 30.0 if self.session.choice.snr != 30 else 40.0
         with self.client() as client:
             send(client, value_of("snr", snr))
             self.until(lambda: self.latest.snr == snr)
@@ -90,21 +90,21 @@ def test_a_viewer_sees_the_state_as_it_is(target):
     with target.client() as client:
         state = json.loads(client.recv(PATIENCE))
         assert {"room", "controls", "values", "handles", "panels", "photograph"} <= state.keys()
-        assert state["values"]["method"] == target.page.choice.method
-        target.page.report("it failed")
+        assert state["values"]["method"] == target.session.choice.method
+        target.session.show_trouble("it failed")
         assert json.loads(client.recv(PATIENCE))["trouble"] == ["it failed"]
-    target.page.report("")
+    target.session.show_trouble("")
 
 
 def test_a_slow_viewer_gets_the_latest_alone(target):
     with target.client() as client:
         client.recv(PATIENCE)
         for k in range(1000):
-            target.page.report(str(k))
+            target.session.show_trouble(str(k))
         got = []
         while not got or got[-1] != "999":
             got += json.loads(client.recv(PATIENCE)).get("trouble", [])
-    target.page.report("")
+    target.session.show_trouble("")
     assert len(got) < 1000 and got == sorted(got, key=int)
 
 
@@ -158,7 +158,7 @@ def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
     own.write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n")
     picture = tmp_path / "private.png"
     picture.write_bytes(b"")
-    before, rejected = target.page.choice, target.gate.rejected
+    before, rejected = target.session.choice, target.gate.rejected
     drag = {"handle": "plate", "position": [0.0, 0.0, 0.0], "ends": False}
     nan = float("nan")
     attacks = [
@@ -192,7 +192,7 @@ def test_only_values_that_a_control_offers_are_accepted(target, tmp_path):
             send(client, attack)
         target.until(lambda: target.gate.rejected >= rejected + len(attacks))
     assert target.gate.rejected == rejected + len(attacks)
-    assert target.page.choice == before
+    assert target.session.choice == before
     assert not (tmp_path / "executed").exists() and not target.saved
     target.goes_on()
 
@@ -230,7 +230,7 @@ def test_what_the_page_offers_is_granted(target):
         target.until(lambda: target.latest.image == "bars")
         send(client, value_of("save", True))
         target.until(lambda: target.saved)
-        name, handle = next(iter(target.page.handles.items()))
+        name, handle = next(iter(target.session.handles.items()))
         position = handle.center + np.array([0.01, 0, 0])
         send(client, {"handle": name, "position": position.tolist(), "ends": False})
         parameter = handle.names[0]

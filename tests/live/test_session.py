@@ -52,13 +52,17 @@ class Following(LiveSession):
         self.shown, self.reported = [], []
         self.coarse = self._coarse = StandIn(self.shown, is_coarse=True)
         self.full = self._full = StandIn(self.shown, is_coarse=False)
-        self._choice = "first"
+        self.choice = "first"
 
     def follow(self, laboratory, choice, check):
         laboratory.follow(choice, check)
 
-    def fail(self, line, **_):
-        self.reported.append(line)
+    def show_trouble(self, text, **_):
+        self.reported.append(text)
+
+    def follow_now(self, choice, rest=0.0):
+        self.choice = choice
+        self.want(rest)
 
     def until(self, holds):
         end = time.monotonic() + PATIENCE
@@ -85,7 +89,7 @@ def watched():
 
 def test_coarse_pictures_come_first_and_full_ones_last(watched):
     w = watched(full=0.2)
-    w.want("here")
+    w.follow_now("here")
     w.until(lambda: Picture("here", False) in w.shown)
     assert w.shown == [Picture("here", True), Picture("here", False)]
 
@@ -93,7 +97,7 @@ def test_coarse_pictures_come_first_and_full_ones_last(watched):
 def test_what_is_overtaken_is_dropped_and_not_queued(watched):
     w = watched(coarse=0.1)
     for number in range(50):
-        w.want(number, 0.5)
+        w.follow_now(number, 0.5)
         time.sleep(0.01)
     w.until(lambda: Picture(49, False) in w.shown)
     assert 3 <= len(w.coarse.begun) <= 20
@@ -103,10 +107,10 @@ def test_what_is_overtaken_is_dropped_and_not_queued(watched):
 
 def test_full_pictures_that_are_overtaken_are_given_up(watched):
     w = watched(full=5.0)
-    w.want("first")
+    w.follow_now("first")
     w.until(lambda: w.full.begun == ["first"])
     w.full.seconds = 0.0
-    w.want("second")
+    w.follow_now("second")
     w.until(lambda: Picture("second", False) in w.shown)
     assert w.full.given_up == ["first"]
     assert Picture("first", False) not in w.shown
@@ -114,23 +118,23 @@ def test_full_pictures_that_are_overtaken_are_given_up(watched):
 
 def test_what_cannot_be_shown_is_reported_and_the_laboratory_goes_on(watched):
     w = watched()
-    w.want(PeriscopyError("no such\nscene"))
+    w.follow_now(PeriscopyError("no such\nscene"))
     w.until(lambda: "no such scene" in w.reported)
-    w.want(RuntimeError("bug"))
+    w.follow_now(RuntimeError("bug"))
     w.until(lambda: "RuntimeError: bug" in w.reported)
-    w.want("better")
+    w.follow_now("better")
     w.until(lambda: Picture("better", False) in w.shown)
     assert w.reported[-1] == ""
 
 
 def test_a_choice_that_is_done_in_full_is_followed_in_full_alone(watched):
     w = watched()
-    w.want("here")
+    w.follow_now("here")
     w.until(lambda: Picture("here", False) in w.shown)
     w.want()
     w.until(lambda: len(w.shown) > 2)
     assert w.shown == [Picture("here", True)] + [Picture("here", False)] * 2
-    w.want("there")
+    w.follow_now("there")
     w.until(lambda: Picture("there", False) in w.shown)
     assert w.shown[3] == Picture("there", True)
 
@@ -138,7 +142,7 @@ def test_a_choice_that_is_done_in_full_is_followed_in_full_alone(watched):
 def test_a_job_waits_for_full_pictures_which_do_not_wait(watched):
     w = watched(full=0.2)
     shown = []
-    w.want("here", 60.0)
+    w.follow_now("here", 60.0)
     w.at_rest(lambda: shown.extend(w.shown))
     w.until(lambda: shown)
     assert shown[-1] == Picture("here", False)

@@ -59,7 +59,6 @@ class Watched:
             self.describe, count=20, say=self.said.append,
             record=lambda *each: self.shown.append(each),
         )  # fmt: skip
-        self.page = self.session.page
 
     def describe(self, report):
         return [report.verdict.code]
@@ -69,7 +68,7 @@ class Watched:
         return "saved"
 
     def press(self, name, value=True):
-        self.page._receive({"control": name, "value": value})
+        self.session._receive({"control": name, "value": value})
 
     def until(self, holds):
         """Wait for pictures of full size that come from now on, or for something else."""
@@ -98,7 +97,7 @@ def test_frames_are_averaged_until_the_picture_is_sharp(watched):
     assert progress.noise_left == pytest.approx(NOISE / level / np.sqrt(20), rel=0.3)
     residual = pictures.report.residual
     assert residual.unexplained < 2 * residual.noise_alone
-    status = watched.page.gate._state["status"][1]
+    status = watched.session.gate._state["status"][1]
     assert "frames a second, latency" in status and "average of" in status
 
 
@@ -112,9 +111,9 @@ def test_a_scene_that_moves_is_reconstructed_anew_while_frames_come(watched):
     watched.press("undo")
     back = watched.until(lambda each, _: each.choice.values["occluder_dx"] == 0)[0]
     assert ps.psnr_gain_matched(back.image, watched.image) > psnrs[0] - 4
-    rejected = watched.page.choice
+    rejected = watched.session.choice
     watched.press("undo")  # nothing is left to undo
-    assert watched.page.choice == rejected
+    assert watched.session.choice == rejected
 
 
 def test_pixels_that_saturate_leave_full_pictures_as_good(watched):
@@ -177,7 +176,7 @@ class Brief:
         )  # fmt: skip
 
     def press(self, name, value=True):
-        self.session.page._receive({"control": name, "value": value})
+        self.session._receive({"control": name, "value": value})
 
     def until(self, holds):
         end = time.monotonic() + PATIENCE / 4
@@ -201,7 +200,7 @@ def test_a_single_frame_is_shown_in_full_and_again_after_each_change(monkeypatch
     brief = Brief(frames().__next__)
     with brief.session, live.running(brief.session):
         brief.until(lambda: brief.shown and not brief.shown[-1][0].is_coarse)
-        status = brief.session.page.gate._state
+        status = brief.session.gate._state
         brief.until(lambda: "one frame, whose noise" in status["status"][1])
         assert "waiting" not in status["status"][1]
         brief.session.report("the folder is gone")
@@ -253,7 +252,7 @@ def test_a_right_and_a_wrong_scene_are_judged_by_the_average(monkeypatch):
     watched = Watched()
 
     def is_judged(code):
-        return code in watched.page.gate._state.get("status", [0, []])[1]
+        return code in watched.session.gate._state.get("status", [0, []])[1]
 
     with watched.session, live.running(watched.session):
         for shift, code in (0.0, "fits"), (0.03, "does_not_fit"):
@@ -275,7 +274,7 @@ def test_what_no_frame_could_be_shown_for_stays_on_the_page(monkeypatch):
     with brief.session, live.running(brief.session):
         brief.until(lambda: any("tag" in line for line in brief.said))
         time.sleep(1.0)
-        assert "tag" in brief.session.page.gate._state["trouble"][1]
+        assert "tag" in brief.session.gate._state["trouble"][1]
         ended.set()
     assert not brief.shown
 

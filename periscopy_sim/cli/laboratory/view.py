@@ -102,12 +102,12 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
     try:
         worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
         worker.start()
-        if live.page.gate.is_open:
+        if live.gate.is_open:
             warn(
                 "other computers can open the page, and its address is sent without encryption; "
                 "leave --host out to keep the page on this computer"
             )
-        say(f"{live.page.gate.url} shows {name}; Ctrl-C ends it", is_result=True)
+        say(f"{live.gate.url} shows {name}; Ctrl-C ends it", is_result=True)
         while worker.is_alive() and not ends.is_set():
             worker.join(0.2)
         with WRITING:
