@@ -222,8 +222,13 @@ class Scenario(Geometry):
 
         by_id = names if isinstance(names, Mapping) else dict.fromkeys(self.hidden, str(names))
         shapes = self.hidden.shapes.items()
-        images = {n: read_hidden_image(find_image(by_id[n]), shape) for n, shape in shapes}
-        return self.hidden.unwrapped(images)
+        files = {name: (find_image(by_id[name]), shape) for name, shape in shapes}
+
+        def make() -> Any:
+            return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
+
+        changed = [file.stat().st_mtime_ns for file, _ in files.values()]
+        return self.memo(("image", *files.items(), *changed), make)
 
     def ambient(
         self, name: str | Path, *, target: float = TARGET, progress: Any = None

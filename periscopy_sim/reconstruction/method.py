@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
-from periscopy_sim.model.residual import Residual, residual_of
+from periscopy_sim.model.residual import Residual, quick_residual, residual_of
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import checked_scene, plain_array
 from periscopy_sim.photograph import Photograph
@@ -369,6 +369,11 @@ class StillMethod(ABC, Generic[Precision]):
         """
         report: Report = StillMethod.report(self, photograph, solution)
         return report.residual
+
+    def quick_residual(self, photograph: Image, solution: Any, noise: float) -> Residual:
+        """Return the residual of a photograph whose noise over its light is known, quickly."""
+        y = self.corrected(photograph, solution)
+        return quick_residual(y, solution.image, noise, self.fit)
 
     def motions(self, solution: Any) -> Array | None:  # noqa: ARG002
         """Return what errors of the scene's numbers add to a solution's light, (K, C, M').
