@@ -328,10 +328,11 @@ def watch(
     save: Callable[[LivePictures], str] = lambda _: "give watch() a function `save`",
     host: str = "127.0.0.1",
     port: int = 8080,
-) -> None:
+) -> Report | None:
     """Show what a camera's frames reveal on a page, until the source ends.
 
-    It prints the page's address and what happens, one line each.
+    It prints the page's address and what happens, one line each, and returns the last verdict on
+    the scene; None where no average was judged.
 
     Parameters
     ----------
@@ -371,10 +372,11 @@ def watch(
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},
     )  # fmt: skip
     with WatchSession(
-        open_source(source, linear=linear, white=white), scenario, method, save, lambda _: (),
+        open_source(source, linear=linear, white=white), scenario, method, save, Report.lines,
         companions=companions, count=average, record=record, host=host, port=port,
     ) as session:  # fmt: skip
         print(session.gate.url, flush=True)
         session.run()
     if session.fault is not None:
         raise session.fault
+    return session.verdict

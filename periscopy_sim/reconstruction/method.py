@@ -31,6 +31,12 @@ class Note:
     code: str
     values: Mapping[str, Any] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        """Return the code and its values on one line; the command line has whole sentences."""
+        texts = {n: f"{v:.3g}" if isinstance(v, float) else str(v) for n, v in self.values.items()}
+        listed = ", ".join(f"{name.replace('_', ' ')} {text}" for name, text in texts.items())
+        return ": ".join(filter(None, [self.code.replace("_", " "), listed]))
+
 
 @dataclass(frozen=True, eq=False)
 class Report:
@@ -43,6 +49,15 @@ class Report:
     standard_errors: Array | None = None  # (R, C, channels); None where the method knows none
     residual: Residual | None = None  # None where the photograph's rows and columns are unknown
     remedies: Sequence[Note] = ()  # what lowers the residual, see `Scenario.judge`
+
+    def lines(self) -> list[str]:
+        """Return the verdict, the remedies, the other warnings and the notes, one line each."""
+        others = [note for note in self.warnings if note.code != self.verdict.code]
+        return [*map(str, [self.verdict, *self.remedies, *others, *self.notes])]
+
+    def __str__(self) -> str:
+        """Return `lines` as a text."""
+        return "\n".join(self.lines())
 
     @property
     def verdict(self) -> Note:
