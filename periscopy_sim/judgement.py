@@ -96,7 +96,7 @@ def with_patches_tried(
     residual, fit = report.residual, fitted.fit
     if residual is None or residual.unexplained_by_any is None or not report.is_doubted:
         return report
-    if fit.mixing is not None or not has_areas(scenario):
+    if not has_areas(scenario):
         return report
     light = np.asarray(fit.used(detail_light(scenario, images)).T[None], np.float64)
     residual = residual.tried("patches", light, fit)
@@ -112,16 +112,15 @@ def check_bounces(
 ) -> list[Note]:
     """Note that light of the images that bounces, and no ambient light of B, exceeds noise.
 
-    A direct A lacks it.
+    A direct A lacks it. Images are in the channels of the fit's planes.
     """
-    noise = relative_noise(photograph)
-    is_plain = {each.shape[2] for each in images.values()} == {3} and fitted.fit.mixing is None
-    if not (noise and is_plain and is_vectorized()) or scenario.scene.transparent:
+    noise, fit = relative_noise(photograph), fitted.fit
+    if not (noise and is_vectorized()) or scenario.scene.transparent:
         return []
-    light = bounced_light(scenario, images, seed).reshape(*scenario.photograph_shape, 3)
-    planes, mean = (fitted.fit.vectors(each).T for each in (light, photograph.values))
-    rest = np.sqrt(np.mean(fitted.fit.project_out(planes) ** 2, axis=1))
-    ratio = float((rest / mean.mean(axis=1)).max()) / noise
+    planes = fit.used(bounced_light(scenario, images, seed)).T
+    rest = np.sqrt(np.mean(fit.project_out(planes) ** 2, axis=1))
+    mean = fit.vectors(photograph.values).mean(axis=0)
+    ratio = float((rest / mean).max()) / noise
     return [Note("bounces", {"scene": scenario.path.name, "ratio": ratio})] if ratio > 1 else []
 
 

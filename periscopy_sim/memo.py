@@ -5,11 +5,13 @@ from collections.abc import Callable, Hashable
 from threading import RLock
 from typing import Any, Self, TypeVar
 
+from periscopy_sim.numerics.machine import available_memory
+
 Made = TypeVar("Made")
 
-MOST_BYTES = 1 << 31
-"""Bytes that a memo keeps by default: the matrix and the methods of one large scene, or A of 30
-scenes of 126 x 126 pixels and 29 x 36 patches."""
+MOST_BYTES, SHARE = 1 << 31, 0.25
+"""Bytes that a memo keeps by default, and the fraction of the machine's memory that they are at
+most: A of 30 scenes of 126 x 126 pixels and 29 x 36 patches."""
 
 
 class Memo:
@@ -20,7 +22,10 @@ class Memo:
     arrays belong to one thread at a time. A copy, and what pickle restores, begins empty.
     """
 
-    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, most_bytes: int | None = None) -> None:
+        if most_bytes is None:
+            available = available_memory() or MOST_BYTES / SHARE
+            most_bytes = min(MOST_BYTES, int(SHARE * available))
         self.most_bytes = most_bytes
         self._kept: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
         self._lock = RLock()

@@ -67,13 +67,7 @@ def find_method(name: Name) -> MethodEntry | OwnEntry:
     """
     if isinstance(name, str) and name in METHODS:
         return METHODS[name]
-    if isinstance(name, str) and not OwnCode("method", name).is_complete:
-        guess = did_you_mean(name, METHODS)
-        raise PeriscopyError(
-            f"no method '{name}'; {f'{guess} ' if guess else ''}use "
-            f"{', '.join(METHODS)}, or your own as module:callable or path/to/file.py:callable"
-        )
-    factory = OwnCode("method", name).load() if isinstance(name, str) else name
+    factory = _own_code(name).load() if isinstance(name, str) else name
     try:
         signature = inspect.signature(factory)
         signature.bind(None, None, None)
@@ -82,6 +76,18 @@ def find_method(name: Name) -> MethodEntry | OwnEntry:
             f"method '{label_of(name)}' is no callable of three arguments (scenario, A, B): {error}"
         ) from error
     return OwnEntry(name, factory, "mask" in signature.parameters)
+
+
+def _own_code(name: str) -> OwnCode:
+    """Return where a user's own method is; a PeriscopyError names those that there are."""
+    own = OwnCode("method", name)
+    if not own.is_complete:
+        guess = did_you_mean(name, METHODS)
+        raise PeriscopyError(
+            f"no method '{name}'; {f'{guess} ' if guess else ''}use "
+            f"{', '.join(METHODS)}, or your own as module:callable or path/to/file.py:callable"
+        )
+    return own
 
 
 def check_able(name: Name, hidden: Hidden, *libraries: str) -> None:
@@ -100,9 +106,16 @@ def check_able(name: Name, hidden: Hidden, *libraries: str) -> None:
 
 
 def source_sha256(name: Name) -> str | None:
-    """Return the digest of the file of a user's own method; None for one of `METHODS`."""
+    """Return the digest of the file of a user's own method; None for one of `METHODS`.
+
+    A PeriscopyError says that there is no such method or file.
+    """
     file = _file_of(name)
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file else None
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest() if file else None
+    except OSError as error:
+        reason = f"{file}: {error.strerror}"
+        raise PeriscopyError(f"method '{label_of(name)}': {reason}; check the path") from error
 
 
 def label_of(name: Name) -> str:
@@ -118,7 +131,7 @@ def entry_of(name: Name) -> MethodEntry | None:
 def _file_of(name: Name) -> Path | None:
     """Return the file of a user's own method; None for one of `METHODS`, or without a file."""
     if isinstance(name, str):
-        return None if name in METHODS else OwnCode("method", name).file
+        return None if name in METHODS else _own_code(name).file
     with suppress(TypeError, OSError):
         return Path(inspect.getfile(name))
     return None

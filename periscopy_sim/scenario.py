@@ -1,8 +1,6 @@
 """The one door: from a scene's scenario come A, B, photographs, methods and judgements."""
 
-import hashlib
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,14 +13,13 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.memo import Memo
-from periscopy_sim.numerics import Image
+from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
-from periscopy_sim.scene import CAMERA, Scene
+from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
-    from periscopy_sim.calibration.scene_covariance import SceneCovariance
     from periscopy_sim.methods import Name
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
@@ -183,6 +180,22 @@ class Scenario(Geometry):
         A: NDArray[np.float32] | BouncedTransport = self.memo(key, make, self._bytes)
         return A
 
+    def transport_of(
+        self, images: Array, noise: float
+    ) -> "tuple[float, NDArray[np.float32] | BouncedTransport]":
+        """Return the error of the light of some images, (K, N, C), and an A as fine as they need.
+
+        Small bright details err more than the white light that `plan` looks at.
+        """
+        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces
+        from periscopy_sim.rendering.transport.plan import planned_for
+
+        light, seed = self.light, self.seed
+        error, A = planned_for(images, self, noise, samples=light.samples, seed=seed)
+        if light.bounces == DIRECT:
+            return error, A
+        return error, add_bounces(self, A, light.bounces, seed=seed)
+
     # -- photographs -------------------------------------------------------------------------------
 
     def image(self, names: str | Path | Mapping[str, str]) -> Any:
@@ -299,7 +312,7 @@ class Scenario(Geometry):
         photograph: Photograph | Image | None = None,
         *,
         noise: float | None = None,
-        errors: "Mapping[str, float] | SceneCovariance | None" = None,
+        errors: Mapping[str, float] | None = None,
         **settings: float,
     ) -> "StillMethod[Any]":
         """Return a method fitted to this scene and to the conditions of a photograph.
@@ -329,13 +342,13 @@ class Scenario(Geometry):
             If it cannot be fitted.
         """
         from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
-        from periscopy_sim.model.noise import relative_noise
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
+        source = source_sha256(name)  # rejects what is no method before anything is rendered
         if photograph is not None and not isinstance(photograph, Photograph):
             photograph = Photograph.of(photograph, self.photograph_shape)
         if noise is None and photograph is not None:
-            noise = relative_noise(photograph)
+            noise = self.noise(photograph)
         plan, conditions = self.plan(noise, name), photograph and photograph.conditions
         A, B = np.asarray(channels_mean(self.transport(noise, name))), self.B
 
@@ -349,18 +362,28 @@ class Scenario(Geometry):
             )
             return fitted
 
-        known = sorted(errors.items()) if isinstance(errors, Mapping) else errors and errors.text()
+        known = None if errors is None else tuple(sorted(errors.items()))
         key = (
-            *("method", name, source_sha256(name), self._digest, self.seed, plan, conditions),
-            *(self._light_key, repr(known), *sorted(settings.items())),
+            *("method", name, source, self._digest, self.seed, plan, conditions),
+            *(self._light_key, known, *sorted(settings.items())),
         )
         entry = entry_of(name) or METHODS[DEFAULT]
         return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
 
+    @staticmethod
+    def noise(photograph: Photograph) -> float | None:
+        """Return the noise of a photograph over its mean, as its pixels show; None if they do not.
+
+        It is that of the channel with the least.
+        """
+        from periscopy_sim.model.noise import relative_noise
+
+        return relative_noise(photograph)
+
     def uncertainty(
         self,
         method: "Name" = DEFAULT,
-        errors: "Mapping[str, float] | SceneCovariance | None" = None,
+        errors: Mapping[str, float] | None = None,
     ) -> "tuple[UncertainTransport | None, list[Note]]":
         """Return what errors of the scene do to light, for methods that count them, and notes.
 
@@ -401,13 +424,17 @@ class Scenario(Geometry):
     def calibrate(self, photograph: Any, **options: Any) -> "Calibration":
         """Correct the measured values of the scene's parameters by photographs of its wall.
 
-        The options are the keywords of `periscopy_sim.calibrate`. ``scenario.at(**found.values)``
-        is the calibrated scenario.
+        The options are the keywords of `periscopy_sim.calibrate`. The result's `scenario` has the
+        calibrated values, and methods fitted to it count what the calibration knows of them.
         """
         from periscopy_sim.calibration.calibrate import calibrate
 
         options = {"camera": self.view.camera, "seed": self.seed, **options}
-        return calibrate(photograph, self.scene, self.hidden.shapes, **options)
+        found = calibrate(photograph, self.scene, self.hidden.shapes, **options)
+        moved = self.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
+        carried = {**moved.document.defaults, CALIBRATED: found.scene_covariance.text()}
+        scene = replace(moved.scene, document=replace(moved.document, defaults=carried))
+        return replace(found, scenario=replace(moved, view=replace(moved.view, scene=scene)))
 
     # -- judgements --------------------------------------------------------------------------------
 
@@ -479,8 +506,7 @@ class Scenario(Geometry):
             method if isinstance(method, StillMethod) else self.method(method, photograph)
         )
         report = fitted.report(photograph, solution) if report is None else report
-        found = self.hidden.images(solution.image)
-        images = {name: np.asarray(image, np.float64) for name, image in found.items()}
+        images = self.hidden.split(fitted.fit.mixed(solution.image))
         report, warnings = judgement.with_patches_tried(self, report, fitted, images), []
         if self.light.bounces == 1:
             warnings = judgement.check_bounces(self, fitted, images, photograph, self.seed)
@@ -495,41 +521,42 @@ class Scenario(Geometry):
         return 4 * int(np.prod(self.transport_shape))
 
     @cached_property
-    def _wall_digest(self) -> str:
+    def _wall_digest(self) -> tuple[str, ...]:
         """What B depends on."""
-        view = self.view
-        seen = (getattr(view, each.name) for each in fields(view))
-        return _sha256(*(each for each in seen if isinstance(each, np.ndarray)))
+        return _sha256(_members(self.view))
 
     @cached_property
-    def _digest(self) -> str:
+    def _digest(self) -> tuple[Any, ...]:
         """What A depends on: the scene's files and values, the view and the patches."""
         from periscopy_sim.storage.outputs.provenance import scene_sha256
 
-        surfaces = [each for surface in self.hidden.values() for each in vars(surface).values()]
-        arrays = [each for each in surfaces if isinstance(each, np.ndarray)]
-        meshes = [e.vertices for e in self.view.occluders if e.vertices is not None]
-        names = [[e.name for e in self.view.occluders], self.view.camera, self.view.shape]
+        view, surfaces = self.view, self.hidden.items()
         document = scene_sha256(self.document) if self.document.files else ""
-        settings = [document, dict(self.parameters), names, self.hidden.shapes]
-        text = hashlib.sha256(json.dumps(settings).encode()).hexdigest()
-        return text + self._wall_digest + _sha256(*arrays, *meshes)
+        return (
+            *(document, *sorted(self.document.values.items()), view.camera, view.shape),
+            *((name, *_sha256(_members(surface))) for name, surface in surfaces),
+            *((each.name, *_sha256(_members(each))) for each in view.occluders),
+            *self._wall_digest,
+        )
 
     @property
-    def _light_key(self) -> Any:
+    def _light_key(self) -> tuple[Any, ...]:
         """What A and B depend on beside the scene."""
         light = self.light
-        own = tuple(None if B is None else _sha256(B) for B in light.ambient)
+        own = _sha256(light.ambient)
         return light.bounces, light.strata, own, None if light.matrix is None else light
 
 
-def _sha256(*arrays: NDArray[Any]) -> str:
-    """Return the digest of arrays' shapes, types and values."""
-    state = hashlib.sha256()
-    for array in arrays:
-        state.update(f"{array.shape} {array.dtype.str}".encode())
-        state.update(np.ascontiguousarray(array).data)
-    return state.hexdigest()
+def _members(value: Any) -> list[Any]:
+    """Return the fields' values of a dataclass, without what it has computed of them."""
+    return [getattr(value, each.name) for each in fields(value)]
+
+
+def _sha256(values: Iterable[Any]) -> tuple[str, ...]:
+    """Return the digests of those of some values that are arrays, and "" of others."""
+    from periscopy_sim.storage.outputs.provenance import array_sha256
+
+    return tuple(array_sha256(v) if isinstance(v, np.ndarray) else "" for v in values)
 
 
 def load_scenario(

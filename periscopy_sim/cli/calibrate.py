@@ -200,7 +200,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
-    from periscopy_sim.model.residual import percentages
+    from periscopy_sim.numerics.words import percentages
 
     size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
@@ -233,7 +233,7 @@ def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None
     """Print the parameters with their units, the gain and the colours, and whether to trust."""
     from periscopy_sim.calibration.prior import FARTHEST
     from periscopy_sim.calibration.result import ParameterSource
-    from periscopy_sim.model.residual import percentages, with_error
+    from periscopy_sim.numerics.words import percentages, with_error
 
     rows = []
     for p in result.parameters:

@@ -14,7 +14,6 @@ from periscopy_sim.cli.render import photograph
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError
 from periscopy_sim.figures import panels
-from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.formats.exr import write_exr
 
@@ -33,8 +32,7 @@ def demo(
     """Photograph a shipped scene, and recover its hidden image."""
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"
     with output.output_files(ambient) as (file,):
-        require_vectorized("the demo")
-        output.say(f"rendering with {use_variant()}")
+        output.say(f"rendering with {ps.use_variant()}")
         chair = "chair", [hidden], [f"resolution={resolution}"], seed
         scene = PhotoSession(*chair)
         light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)

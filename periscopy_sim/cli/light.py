@@ -22,7 +22,7 @@ def most_bounces(text: str) -> int | None:
     """Return the most reflections of a path that ``--bounces`` names: None for any number."""
     if text == "direct":
         return 1
-    from periscopy_sim.rendering.transport.bounced import bounces_of_words
+    from periscopy_sim.numerics.words import bounces_of_words
 
     with fixable("--bounces"):
         return bounces_of_words(text)
@@ -75,7 +75,7 @@ class LightOptions(MonitorLight):
     @property
     def origin(self) -> dict[str, Any]:
         """The entries of a summary on the light, beside those of its `TransportPlan`."""
-        from periscopy_sim.rendering.transport.bounced import bounces_in_words
+        from periscopy_sim.numerics.words import bounces_in_words
 
         bounces = bounces_in_words(self.most_bounces)
         return {"bounces": bounces, "ambient_prototypes": self.sources}

@@ -18,7 +18,6 @@ from periscopy_sim.figures.space import draw_space
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.storage.formats.table import libraries_of
 from periscopy_sim.storage.glb import write_glb
 
@@ -188,8 +187,7 @@ def write_report(
         panels.write_enlarged(folder / f"{name}.png", image, text)
     if not hidden.is_flat:
         wall = panels.displayable(next(iter(photographs.values())))  # of the scenario's view
-        if is_vectorized():  # ray by ray it would take an hour
-            draw_space(folder / "space.png", scenario, lit, wall, text)
+        draw_space(folder / "space.png", scenario, lit, wall, text)
         write_glb(folder / "hidden.glb", scenario, lit, wall, text)
     if report.stages:
         stages = [(title, hidden.images(stage)) for title, stage in report.stages]

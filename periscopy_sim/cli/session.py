@@ -8,10 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
@@ -28,7 +27,6 @@ from periscopy_sim.storage.outputs.provenance import as_text, provenance
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
-    from periscopy_sim.rendering.transport.kernel import Strata
 
 
 def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
@@ -119,7 +117,10 @@ class Session(options.OptionGroup):
         return as_text(self.provenance)
 
     def lit(
-        self, light: MonitorLight, matrix: Path | None = None, strata: "Strata" = "jittered"
+        self,
+        light: MonitorLight,
+        matrix: Path | None = None,
+        strata: Literal["jittered", "gauss"] = "jittered",
     ) -> ps.Scenario:
         """Return the scenario whose light is computed by options, or whose A is of a file."""
         from periscopy_sim.storage.transport_matrix import read_record, read_transport
@@ -137,13 +138,15 @@ class Session(options.OptionGroup):
     def check_scene(self, method: str = "", *libraries: str) -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         require_all(*libraries)
+        scenario = self.scenario  # loading it is a stage of its own
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warn_of(self.scenario.check(method))
+            self.warn_of(scenario.check(method))
 
     def check_shadows(self) -> None:
         """Warn where no occluder casts a shadow into the camera's view."""
+        scenario = self.scenario
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warn_of(self.scenario.check(), but=("other_lights", "glossy"))
+            self.warn_of(scenario.check(), but=("other_lights", "glossy"))
 
     def warn_of(self, notes: "Iterable[Note]", but: Collection[str] = ()) -> None:
         """Print notes, one line each, but for those of some codes."""
@@ -184,23 +187,20 @@ class Session(options.OptionGroup):
 
     def transport(
         self, scenario: ps.Scenario, noise: float | None = None, method: str = DEFAULT
-    ) -> NDArray[np.float32]:
-        """Return the mean of a scenario's A over the channels, (M, N); warn of what it lacks.
+    ) -> None:
+        """Make a scenario's A, by stages that show their progress; warn of what it lacks.
 
         The noise is that of the photographs that A is fitted to, over their mean; None of none.
         """
-        from periscopy_sim.rendering.transport.bounced import channels_mean
-
         with progress("choosing how A is made"):
             plan = scenario.plan(noise, method)
         verb = "rendering" if plan.by == "rays" else "computing"
         with progress(f"{verb} the transport matrix") as report:
-            A = scenario.transport(noise, method, progress=report)
+            scenario.transport(noise, method, progress=report)
         names = "model", "samples", "transport_error"
         self.record |= {name: plan.origin[name] for name in names}
         self.record |= {} if noise is None else {"relative_noise": noise}
         self.warn_of(scenario.check_light(noise, method))
-        return np.asarray(channels_mean(A))
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
@@ -283,13 +283,11 @@ class PhotoSession(WallSession):
         errors: Mapping[str, float] | None = None,
     ) -> "StillMethod[Any]":
         """Return a method fitted to a scenario and a photograph, by stages that are timed."""
-        from periscopy_sim.model.noise import relative_noise
-
         colours = wall.colour_matrix and wall.colour_matrix.matrix
         self.settings |= {"method": method, **settings, "colour_matrix": colours}
         self.warn_of(scenario.uncertainty(method, errors)[1])
         with self.timed("transport matrix"):
-            self.transport(scenario, relative_noise(wall), method)
+            self.transport(scenario, scenario.noise(wall), method)
         with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
             _ = scenario.B
         place = fixable(f"scene '{self.path}'")

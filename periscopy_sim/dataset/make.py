@@ -19,7 +19,6 @@ from periscopy_sim.dataset.samples import (
     RenderedGeometry,
     backgrounds_of,
     draw_geometry,
-    flat_backgrounds,
     make_samples,
     missing_lights,
     render_geometry,
@@ -108,8 +107,9 @@ def make_dataset(
     Warns
     -----
     RuntimeWarning
-        A scene has lights beside the monitor, or light that bounces is not known well enough, see
-        `render_bounced_light`. The archive's `bounced_error` has the error of each geometry.
+        A scene has lights beside the monitor, A errs by more than a third of the least noise, or
+        light that bounces is not known well enough, see `render_bounced_light`. The archive's
+        `bounced_error` has the error of each geometry.
     """
     out, report = place(out), progress or (lambda *_: None)
     settings = configuration.located()
@@ -155,7 +155,7 @@ def make_dataset(
             planned(Work(made, len(shares), rooms, 1e-6 * made * layout.sample_bytes))
         begun: dict[int, RenderedGeometry] = {}
         if shares and scheduler is None and estimated is not None:
-            flat = settings, layout.photograph_shape, flat_backgrounds(settings, first)
+            flat = settings, layout.photograph_shape, backgrounds_of(settings, first, out / MAKING)
             number, (block, *_) = next(iter(shares.items()))
             of_geometry, begun[number] = timed(partial(_geometry, flat, number))
             of_block, (_, values) = timed(partial(_block, flat, (begun[number], block)))

@@ -24,8 +24,9 @@ from periscopy_sim.evaluation.video_metrics import write_table
 from periscopy_sim.measurement import noise_level, noise_to_signal
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.rendering.transport.bounced import bounces_in_words, channels_mean
+from periscopy_sim.rendering.transport.bounced import channels_mean
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.provenance import image_sha256, provenance
 from periscopy_sim.storage.outputs.resume import resumed_folder

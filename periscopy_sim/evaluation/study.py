@@ -20,11 +20,11 @@ from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.limits import RANGES, in_range
+from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.rendering.photograph import excess_of
-from periscopy_sim.rendering.transport.bounced import bounces_in_words
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_image, find_scene
 from periscopy_sim.storage.formats.table import format_of

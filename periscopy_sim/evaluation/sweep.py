@@ -107,7 +107,8 @@ class Sweep:
     def photograph(self, cell: Values) -> Array:
         """Return the measurement of a cell; see `World.photograph`."""
         values = {name: cell[name] for name in LIGHT}
-        return self.world(**{n: cell[n] for n in self.vary}).photograph(**values, base=self.seed)
+        world = self.world(cell["snr"], **{n: cell[n] for n in self.vary})
+        return world.photograph(**values, base=self.seed)
 
 
 def run_sweep(
@@ -168,10 +169,10 @@ def run_sweep(
     done, failed = count - len(missing), list[tuple[Values, str]]()
     if planned is not None:
         planned(missing)
-    for values, cells in _by(sweep.vary, missing).items():
+    for (*values, snr), cells in _by([*sweep.vary, "snr"], missing).items():
         at = dict(zip(sweep.vary, values, strict=True))
         try:
-            world = worlds(**at)
+            world = worlds(snr, **at)
         except PeriscopyError as error:
             is_of_values = isinstance(error, SceneError) or isinstance(error.__cause__, InputError)
             failed += [(cell, str(error)) for cell in cells]

@@ -151,7 +151,7 @@ class World:
         """Return what `photograph` multiplies a signal by."""
         return float(1 / (self.signals[image].used.mean() * (1 + 1 / sbr)))
 
-    def __call__(self, **values: Any) -> Self:
+    def __call__(self, snr: float, **values: Any) -> Self:  # noqa: ARG002  of all SNRs
         """Return the world, of a sweep that varies nothing in it; see `WorldMaker`."""
         if values:
             raise PeriscopyError(f"a world has no {', '.join(values)}; give what makes worlds")
@@ -221,8 +221,8 @@ class WorldMaker(Protocol):
     def conditions_of(self) -> Mapping[str, Mapping[str, Any]]:
         """The same of what only the results of single values of an axis depend on, by axis."""
 
-    def __call__(self, **values: Any) -> World:
-        """Return the world of values of the axes that a sweep varies in it."""
+    def __call__(self, snr: float, **values: Any) -> World:
+        """Return the world of photographs of an SNR, at values of the axes that a sweep varies."""
 
 
 TURNS = {"": (1, 1), " up-down": (-1, 1), " left-right": (1, -1), " both": (-1, -1)}

@@ -17,6 +17,7 @@ from periscopy_sim.evaluation.calibrating import Calibrated, Calibrator, measure
 from periscopy_sim.evaluation.world import World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
+from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.numerics.limits import RANGES, in_range, number_of, size_of
@@ -30,8 +31,7 @@ from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import (
     Progress,
     ambient_photographs,
-    cached_light,
-    find_condition,
+    missing_photographs,
     silent,
 )
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
@@ -40,7 +40,6 @@ from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.photographs import read_photograph
 
 if TYPE_CHECKING:
-    from periscopy_sim.calibration.scene_covariance import SceneCovariance
     from periscopy_sim.reconstruction.method import Method, Note
     from periscopy_sim.rendering.ambient.background import Background
     from periscopy_sim.rendering.transport.plan import TransportPlan
@@ -110,7 +109,7 @@ class WorldParts:
 
     fit: Callable[[], Any]
     evenly_lit: Callable[[Collection[str]], World]  # in even light of some names
-    lights: Mapping[Path, str]  # rendered conditions, by files in the user's cache
+    lights: Mapping[Path, str]  # conditions that are not rendered yet, by files in the cache
     trace: Callable[[str], Any]  # renders one of them
 
 
@@ -157,20 +156,19 @@ class Worlds:
         """Channels of the images: those of the photographs given, else three."""
         return next((each.channels for each in self.photographs.values()), 3)
 
-    def __call__(self, **values: Any) -> World:
-        """Return the world of values of some axes."""
+    def __call__(self, snr: float, **values: Any) -> World:
+        """Return the world of an SNR and of values of some axes."""
         true, assumed = self.at(values), self.at(values, ASSUMED)
         at, timed = self._folder(values), self.watcher.timed
         self.watcher.note(true.check(""))
-        signals = {n: timed("photograph", self._signal, true, at, n) for n in self.shown}
+        signals = {n: timed("photograph", self._signal, true, at, n, snr) for n in self.shown}
         errors = {name: each.relative_error or 0.0 for name, each in signals.items()}
         wall = next(iter(signals.values()))
         plans: dict[str, TransportPlan] = {}
-        fit = partial(self._fitted, assumed, values, wall)
         if values.get(KNOWN) == CALIBRATED:
             fitted = self._calibrated(true, assumed, values, wall)
         else:
-            fitted, plans = timed("fit", fit)
+            fitted, plans = timed("fit", self._fitted, assumed, values, wall)
         world = partial(
             World,
             signals=signals,
@@ -182,9 +180,10 @@ class Worlds:
         )
         if plans:
             light = np.ones_like(wall.values)
+            again = partial(self._fitted, replace(assumed, memo=Memo()), values, wall)
             self.watcher.see(WorldParts(
-                fit, lambda names: world(backgrounds=dict.fromkeys(names, light)),
-                self.cached_lights(values), lambda name: self._traced(values, [name]),
+                again, lambda names: world(backgrounds=dict.fromkeys(names, light)),
+                self.missing_lights(values), lambda name: self._traced(values, [name]),
             ))  # fmt: skip
         traced = self._traced(values, self._rendered)
         seen = {
@@ -214,11 +213,10 @@ class Worlds:
         """Return the folder of ambient light, which patches do not change."""
         return self._folder({n: v for n, v in values.items() if n != "hidden"}) / "ambient"
 
-    def cached_lights(self, values: Mapping[str, Any]) -> dict[Path, str]:
-        """Return the names of ambient light that is path traced, by the user's files of it."""
-        true = self.at(values)
-        paths = {name: find_condition(name) for name in self._rendered}
-        return {cached_light(path, true, true.seed): n for n, path in paths.items()}
+    def missing_lights(self, values: Mapping[str, Any]) -> dict[Path, str]:
+        """Return the names of ambient light that is not rendered yet, by the cache's files."""
+        true, folder = self.at(values), self.ambient_folder(values)
+        return missing_photographs(self._rendered, true, folder, true.seed)
 
     def matrices(self, values: Mapping[str, Any]) -> int:
         """Return how many matrices the methods need at values of axes; none if they calibrate."""
@@ -229,11 +227,11 @@ class Worlds:
             return 0
         return 1 if light.samples or light.by else len(ways)
 
-    def missing_photographs(self, values: Mapping[str, Any]) -> set[Path]:
-        """Return the files of photographs that are to be rendered at values of axes."""
+    def missing_signals(self, snr: float, values: Mapping[str, Any]) -> set[Path]:
+        """Return the files of photographs that are to be rendered for an SNR and values of axes."""
         folder, rendered = self._folder(values), self.shown.keys() - self.photographs.keys()
-        files = (self._photograph_file(folder, name) for name in rendered)
-        return {file for file in files if self._has_noise(file)}
+        files = (_photograph_file(folder, name, snr) for name in rendered)
+        return {file for file in files if not file.is_file()}
 
     def check(self, axes: Mapping[str, Sequence[Any]]) -> None:
         """Reject axes that no world knows, and values that they cannot have.
@@ -358,46 +356,32 @@ class Worlds:
         light = self.light(values)
         return self._folder(values, ASSUMED), light.samples, light.by
 
-    def _photograph_file(self, folder: Path, name: str) -> Path:
-        """Return the file of a hidden image's photograph."""
-        return folder / f"photograph_{name}.exr"
-
-    @property
-    def _snr(self) -> float:
-        """What photographs are rendered for, in dB; ambient light's error has its part."""
-        return float(-20 * np.log10(self.noise) + 3)
-
-    def _has_noise(self, file: Path) -> bool:
-        """Return whether a photograph is missing, or was rendered for more noise."""
-        held = read_exr(file)[1] if file.is_file() else {}
-        return not float(held.get("made_for_snr", "nan")) >= self._snr
-
-    def _signal(self, scenario: Scenario, folder: Path, name: str) -> Photograph:
+    def _signal(self, scenario: Scenario, folder: Path, name: str, snr: float) -> Photograph:
         """Return the photograph of a hidden image, with its own error.
 
-        It is given, then of no known error, or rendered, from its file if any. As A it serves the
-        sweep's least noise.
+        It is given, then of no known error, or rendered for the SNR, from its file if any: a cell
+        has the same photograph in whichever run it is computed.
         """
         if name in self.photographs:
             return self.photographs[name]
-        file = self._photograph_file(folder, name)
+        file = _photograph_file(folder, name, snr)
         picture, seed = scenario.image(self.shown[name]), scenario.seed
         origin = provenance(scenario.document, seed, self.command)
         made = {n: origin[n] for n in ("scene_sha256", "parameters", "seed")}
         made |= {"camera": scenario.view.camera, "bounces": str(scenario.light.bounces)}
         made |= {"image_sha256": image_sha256(picture)}
         held = read_exr(file)[1] if file.is_file() else {}
-        # A picture or a scene of this name may have been another, or the noise larger.
-        if not as_text(made).items() <= held.items() or self._has_noise(file):
+        # A picture or a scene of this name may have been another.
+        if not as_text(made).items() <= held.items():
             with staged_file(file) as staged, self.watcher.progress(f"photograph: {name}") as done:
                 rendered = rendering_of(
-                    scenario, picture, snr=self._snr, bounces=scenario.light.bounces,
+                    scenario, picture, snr=snr, bounces=scenario.light.bounces,
                     seed=_seed_of(scenario, name), progress=done,
                 )  # fmt: skip
                 held = {
                     **as_text({**origin, **made, "image": self.shown[name]}),
                     "relative_error": rendered.relative_error,
-                    "made_for_snr": self._snr,
+                    "made_for_snr": snr,
                 }
                 write_exr(staged, rendered.photograph, held)
             self.watcher.made(file)
@@ -441,7 +425,7 @@ class Worlds:
         scenario: Scenario,
         values: Mapping[str, Any],
         wall: Photograph,
-        errors: "Mapping[str, float] | SceneCovariance | None",
+        errors: Mapping[str, float] | None,
         name: str,
     ) -> "Method":
         """Fit a method to a scene, of which some errors are known."""
@@ -465,10 +449,15 @@ class Worlds:
             self._calibrators[key] = Calibrator(ruler, truth, wall)
         calibrator = self._calibrators[key]
 
-        def fit(name: str, scenario: Scenario, errors: "SceneCovariance") -> "Method":
-            return self._fit(replace(scenario, light=light), values, wall, errors, name)
+        def fit(name: str, scenario: Scenario) -> "Method":
+            return self._fit(replace(scenario, light=light), values, wall, None, name)
 
         return {name: Calibrated(calibrator, partial(fit, name)) for name in self.methods}
+
+
+def _photograph_file(folder: Path, name: str, snr: float) -> Path:
+    """Return the file of a hidden image's photograph, rendered for an SNR."""
+    return folder / f"photograph_{name}_{snr:.9g}dB.exr"
 
 
 def _seed_of(scenario: Scenario, name: str) -> int:

@@ -213,19 +213,22 @@ def rendering_of(
     return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest))
 
 
-def bounced_light(
-    scenario: Geometry, images: Mapping[str, NDArray[np.floating[Any]]], seed: int = 0
-) -> Array:
-    """Return the light, (M, 3), that images send to the wall by way of other surfaces, roughly.
+def bounced_light(scenario: Geometry, images: Mapping[str, Array], seed: int = 0) -> Array:
+    """Return the light on a grey wall, (M, C), that images send by way of other surfaces, roughly.
 
-    A direct A lacks it. Images are as for `render_photograph`, by id; negative values are black.
+    A direct A lacks it. Images are (rows, columns, C) by id; negative values are black. Surfaces
+    reflect three channels as red, green and blue; any other channel as the mean of these.
     """
-    shown = {name: np.maximum(image, 0) for name, image in images.items()}
-    scene = build_scene(scenario.scene, scenario.hidden, shown, only_hidden=True)
-    (part,) = _other_light(scenario, scene, other_lights=False, bounces=None)
-    part.add_round(_seed(seed, number) for number in itertools.count())
-    light = part.fit.replicas.mean(axis=0)
-    return np.asarray(light * scenario.view.paint * scenario.channel_gain)
+    seeds = (_seed(seed, number) for number in itertools.count())
+    light, channels = list[Array](), next(iter(images.values())).shape[2]
+    for some in [[0, 1, 2]] if channels == 3 else [[channel] * 3 for channel in range(channels)]:
+        shown = {name: np.maximum(image[..., some], 0) for name, image in images.items()}
+        scene = build_scene(scenario.scene, scenario.hidden, shown, only_hidden=True)
+        (part,) = _other_light(scenario, scene, other_lights=False, bounces=None)
+        part.add_round(seeds)
+        of_three = part.fit.replicas.mean(axis=0)
+        light.append(of_three if channels == 3 else of_three.mean(axis=1, keepdims=True))
+    return np.asarray(np.hstack(light) * scenario.view.paint)
 
 
 def detail_light(scenario: Geometry, images: Mapping[str, NDArray[np.floating[Any]]]) -> Array:
@@ -330,26 +333,24 @@ def _other_light(
     view, shape, parts = scenario.view, scenario.photograph_shape, list[Part]()
     everywhere, M = np.arange(len(view.points)), len(view.points)
     if other_lights:
-        reflected = float(view.albedo.mean()) / np.pi
+        gain = float(view.albedo.mean()) / np.pi
         lift = LIFT * float(np.linalg.norm(np.ptp(view.centers, axis=0)))
         height = np.maximum(lift, rises(view.centers, view.center_normals, shape))
         points = view.centers + height[:, None] * view.center_normals
         surface = points, view.center_normals, view.edges, DIRECT_SAMPLES
         own = [shape_of(scene, name).emitter() for name in scenario.hidden]
-        for emitter in scene.emitters():
-            if emitter not in own:
-                arriving = partial(direct_irradiance, scene, emitter, *surface)
-                estimate = partial(_scaled, reflected, arriving)
-                parts.append(Part(estimate, everywhere, shape, M * DIRECT_SAMPLES))
+
+        def reflected(emitter: Any, seed: int) -> Array:
+            return np.asarray(gain * direct_irradiance(scene, emitter, *surface, seed))
+
+        others = (emitter for emitter in scene.emitters() if emitter not in own)
+        work = M * DIRECT_SAMPLES
+        parts += [Part(partial(reflected, each), everywhere, shape, work) for each in others]
     if bounces != DIRECT:
         sites = chosen_sites(shape)
         tracer = make_tracer(scenario, sites, bounces, scene)
         parts.append(Part(tracer, sites, shape, len(sites) * PATHS * RAY))
     return parts
-
-
-def _scaled(factor: float, estimate: Callable[[int], Array], seed: int) -> Array:
-    return factor * estimate(seed)
 
 
 def _smoothed(

@@ -91,6 +91,15 @@ def ambient_photographs(
     return photographs
 
 
+def missing_photographs(
+    names: Sequence[str], scenario: Geometry, folder: Path, seed: int, target: float = TARGET
+) -> dict[Path, str]:
+    """Return the conditions that `ambient_photographs` renders, by their files of the cache."""
+    missing = (name for name in names if not (folder / f"{Path(name).stem}.exr").is_file())
+    files = {cached_light(find_condition(n), scenario, seed, target): n for n in missing}
+    return {file: name for file, name in files.items() if not file.is_file()}
+
+
 def _background(picture: NDArray[np.float32], metadata: Mapping[str, str | float]) -> "Background":
     """Return a photograph with its errors, as a file has them."""
     from periscopy_sim.rendering.ambient.background import Background

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics.limits import read_json
+from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.photograph import check_real
 from periscopy_sim.rendering.transport.bounced import (
     DIRECT,
     BouncedLight,
     BouncedTransport,
-    bounces_in_words,
     channels_mean,
 )
 from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array

@@ -211,7 +211,7 @@ class Worlds:
     def __getattr__(self, name):
         return getattr(self.world, name)
 
-    def __call__(self, place):
+    def __call__(self, snr, place):  # noqa: ARG002
         if place in self.wrong:
             raise SceneError(f"no world at {place:g}")
         return self.world
@@ -371,7 +371,7 @@ def test_worlds_vary_and_are_made_only_for_missing_cells(tmp_path):
         axes, hidden, channels = like.axes, like.hidden, 3
         conditions, conditions_of, measures = {}, {}, {}
 
-        def __call__(self, bright, hidden):
+        def __call__(self, snr, bright, hidden):  # noqa: ARG002
             made.append((bright, hidden))
             truth = np.full((*map(int, hidden.split("x")), 3), 0.5)
             methods = {"flat": Flat(truth)}

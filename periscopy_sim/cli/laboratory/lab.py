@@ -8,7 +8,6 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, argument, example_of, option, require_suffix
 from periscopy_sim.cli.output import conclude, output_files, progress, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.rendering.variant import require_vectorized
 
 _MEASUREMENTS = "The measurements; see --example."
 _OUT = "The scene's XML file; its meshes are written beside it."
@@ -42,7 +41,6 @@ def draw(
     """
     options.require_suffix(out, ".png", "the drawing")
     with output_files(out) as (staged,):
-        require_vectorized("a drawing")
         session = _Trial(scene, [], define, camera=camera)
         figure = ps.draw(session.scenario)
         with progress("drawing"):

@@ -71,29 +71,26 @@ class SweepForecast(Watcher):
         Of more than `SCENES` scenes, the first ones show which ambient light is rendered.
         """
         of_world = dict[tuple[Any, ...], int]()
-        trials, places = set[tuple[Any, ...]](), dict[Path, Mapping[str, Any]]()
-        flips = len(flipped_names("", worlds.flips))
+        trials, fits = set[tuple[Any, ...]](), set[tuple[Any, ...]]()
+        places, flips = dict[Path, Mapping[str, Any]](), len(flipped_names("", worlds.flips))
         for cell in missing:
             values = {name: value for name, value in cell.items() if name not in OF_PHOTOGRAPHS}
-            if (key := (*values.values(),)) not in of_world:
+            if (key := (*values.values(), cell["snr"])) not in of_world:
                 of_world[key] = worlds.matrices(values)
                 places.setdefault(worlds.ambient_folder(values), values)
-                self.photographs |= worlds.missing_photographs(values)
+                self.photographs |= worlds.missing_signals(cell["snr"], values)
                 if of_world[key]:
                     self.matrices[worlds.key(values)] = of_world[key]
-                    self.fits += 1
+                    fits.add(key[:-1])
             if of_world[key]:
                 self.cells[cell["algorithm"]] += 1
                 self.first.setdefault(cell["algorithm"], cell)
             else:
                 trials.add((*(value for name, value in cell.items() if name != "algorithm"),))
-        self.calibrations = len(trials)
-        for place, of_place in [*places.items()][:SCENES]:
+        self.calibrations, self.fits = len(trials), len(fits)
+        for of_place in [*places.values()][:SCENES]:
             with suppress(SceneError):  # which fails alone
-                self.lights |= {
-                    file: name for file, name in worlds.cached_lights(of_place).items()
-                    if not (file.is_file() or (place / f"{name}.exr").is_file())
-                }  # fmt: skip
+                self.lights |= worlds.missing_lights(of_place)
         sizes = {name: len(values) for name, values in axes.items()}
         results = math.prod(sizes.values())
         record(missing=len(missing), results=results)
@@ -157,7 +154,7 @@ class SweepForecast(Watcher):
             self.timed("light", world.trace, name)
             self.rate = self._seconds["light"][-1] / LIGHT_COST.get(name, 1.0)
         matrices, fits = (self._seconds.get(part, []) for part in ("matrix", "fit"))
-        of_fit = fits[-1] - (sum(matrices) if len(fits) == 1 else 0.0)
+        of_fit = fits[-1] - sum(matrices[-(len(matrices) // len(fits)) :])
         show_time(
             max(self._seconds["photograph"]) * len(self.photographs)
             + self.rate * sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())

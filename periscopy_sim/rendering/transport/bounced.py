@@ -6,7 +6,6 @@ So to the transport matrix of channel c it adds W X_c: W, (M, K), the same for a
 """
 
 import operator
-import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -31,8 +30,6 @@ from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, 
 
 DIRECT = 1
 """Reflections of light that goes from the monitor to the wall and to the camera."""
-
-WORDS = {"direct": DIRECT, "all": None}
 
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
@@ -133,18 +130,6 @@ class BouncedTransport:
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the channels' mean, (M, N)."""
         return np.array(self.mean, dtype=dtype, copy=copy)
-
-
-def bounces_in_words(bounces: int | None) -> str:
-    """Return how records and commands name a number of reflections: direct, all, or how many."""
-    return next((word for word, count in WORDS.items() if count == bounces), str(bounces))
-
-
-def bounces_of_words(text: str) -> int | None:
-    """Return the number of reflections that `bounces_in_words` names, or raise an InputError."""
-    if text not in WORDS and not re.fullmatch("[1-9][0-9]{0,5}", text):
-        raise InputError(f"'{text}': give direct, all, or a whole number from 1 to 999999")
-    return WORDS[text] if text in WORDS else int(text)
 
 
 def render_bounced_light(

@@ -19,7 +19,6 @@ CONFIGURATION = {
     "scenes": [{"scene": "chair", "parameters": {"resolution": 16}}],
     "hidden_images": [{"kind": "shapes"}],
     "ambient": [{"kind": "lamps"}],
-    "light": {"kind": "direct", "samples": 2},
 }
 
 
