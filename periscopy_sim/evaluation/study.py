@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -145,7 +146,10 @@ def sweep(
     require_all(*SWEEP, *libraries_of(*map(label_of, named.values())))
     for method in named.values():
         find_method(method)
-    axes = {name: [*values] for name, values in (vary or {}).items()}
+    axes: dict[str, list[Any]] = {
+        name: [float(each) if isinstance(each, Real) else each for each in values]
+        for name, values in (vary or {}).items()
+    }
     own = (
         {n: np.asarray(b, float) for n, b in ambient.items()}
         if isinstance(ambient, Mapping)
