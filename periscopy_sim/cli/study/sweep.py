@@ -19,6 +19,8 @@ from periscopy_sim.cli.study.axes import parse_axes, parse_values
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
+from periscopy_sim.reconstruction.registry import libraries_of
+from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
@@ -64,11 +66,11 @@ def sweep(
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
     from periscopy_sim.cli.study.sweep_forecast import SweepForecast
-    from periscopy_sim.evaluation.study import DARK
+    from periscopy_sim.evaluation.study import DARK, conditions_of
     from periscopy_sim.evaluation.workers import thread_count
 
     names = options.parse_list("--methods", methods)
-    require_all(*SWEEP)
+    require_all(*SWEEP, *libraries_of(*names))
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
@@ -79,6 +81,8 @@ def sweep(
     places = options.parse_list("--ambient", ambient)
     if places == [DARK] and given["sbr"]:
         raise ps.PeriscopyError(f"--sbr: --ambient {DARK} has no SBR; leave one of them out")
+    for file in filter(None, conditions_of(places).values()):
+        format_of(file)  # before the scene is loaded
     if "hidden" in axes:
         session = replace(session, hidden=[str(axes["hidden"][0])])
     light.check_methods(*names)
