@@ -14,13 +14,13 @@ from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.memo import Memo
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
-from periscopy_sim.scene import CAMERA, Scene
+from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
-    from periscopy_sim.calibration.scene_covariance import SceneCovariance
     from periscopy_sim.methods import Name
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
@@ -71,6 +71,16 @@ class Light:
     matrix: "NDArray[Any] | BouncedTransport | None" = None
     record: Mapping[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if self.by not in (None, "areas", "rays"):
+            raise PeriscopyError(
+                f"by '{self.by}': light comes by areas or by rays, or None chooses"
+            )
+        if self.samples is not None:
+            checked("samples", self.samples, "rays")
+        if self.bounces is not None:
+            checked("bounces", self.bounces, "samples")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scenario(Geometry):
@@ -117,7 +127,10 @@ class Scenario(Geometry):
         from periscopy_sim.analytic.point_light import point_light_backgrounds
 
         def make() -> Any:
-            eq4 = partial(point_light_backgrounds, self)
+            eq4, pixels = partial(point_light_backgrounds, self), self.transport_shape[0]
+            for own in self.light.ambient:
+                if own is not None and own.shape[:1] != (pixels,):
+                    raise PeriscopyError(f"B has shape {own.shape}; give it {pixels} rows")
             return np.hstack([eq4() if B is None else B for B in self.light.ambient])
 
         return self.memo(
@@ -284,6 +297,9 @@ class Scenario(Geometry):
 
         if (ambient is None) != (sbr is None):
             raise PeriscopyError("ambient light and an SBR go together; give both or neither")
+        for name, value, kind in (("snr", snr, "decibels"), ("sbr", sbr, "ratio")):
+            if value is not None:
+                checked(name, value, kind)
         mixed = np.asarray if colour_matrix is None else colour_matrix.mix
         light = None if ambient is None else self.ambient(ambient, target=target)
         purpose = SNR if snr is None else snr
@@ -313,7 +329,7 @@ class Scenario(Geometry):
         photograph: Photograph | Image | None = None,
         *,
         noise: float | None = None,
-        errors: "Mapping[str, float] | SceneCovariance | None" = None,
+        errors: Mapping[str, float] | None = None,
         **settings: float,
     ) -> "StillMethod[Any]":
         """Return a method fitted to this scene and to the conditions of a photograph.
@@ -363,10 +379,10 @@ class Scenario(Geometry):
             )
             return fitted
 
-        known = sorted(errors.items()) if isinstance(errors, Mapping) else errors and errors.text()
+        known = None if errors is None else tuple(sorted(errors.items()))
         key = (
             *("method", name, source, self._digest, self.seed, plan, conditions),
-            *(self._light_key, repr(known), *sorted(settings.items())),
+            *(self._light_key, known, *sorted(settings.items())),
         )
         entry = entry_of(name) or METHODS[DEFAULT]
         return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
@@ -384,7 +400,7 @@ class Scenario(Geometry):
     def uncertainty(
         self,
         method: "Name" = DEFAULT,
-        errors: "Mapping[str, float] | SceneCovariance | None" = None,
+        errors: Mapping[str, float] | None = None,
     ) -> "tuple[UncertainTransport | None, list[Note]]":
         """Return what errors of the scene do to light, for methods that count them, and notes.
 
@@ -425,13 +441,17 @@ class Scenario(Geometry):
     def calibrate(self, photograph: Any, **options: Any) -> "Calibration":
         """Correct the measured values of the scene's parameters by photographs of its wall.
 
-        The options are the keywords of `periscopy_sim.calibrate`. ``scenario.at(**found.values)``
-        is the calibrated scenario.
+        The options are the keywords of `periscopy_sim.calibrate`. The result's `scenario` has the
+        calibrated values, and methods fitted to it count what the calibration knows of them.
         """
         from periscopy_sim.calibration.calibrate import calibrate
 
         options = {"camera": self.view.camera, "seed": self.seed, **options}
-        return calibrate(photograph, self.scene, self.hidden.shapes, **options)
+        found = calibrate(photograph, self.scene, self.hidden.shapes, **options)
+        moved = self.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
+        carried = {**moved.document.defaults, CALIBRATED: found.scene_covariance.text()}
+        scene = replace(moved.scene, document=replace(moved.document, defaults=carried))
+        return replace(found, scenario=replace(moved, view=replace(moved.view, scene=scene)))
 
     # -- judgements --------------------------------------------------------------------------------
 

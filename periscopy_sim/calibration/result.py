@@ -135,6 +135,8 @@ class Calibration:
     images
         If there are rivals, the last photograph's hidden image, coarse, at the end and in each
         rival, as `Hidden.image` has it.
+    scenario
+        The calibrated scenario, which carries `scene_covariance`; see `Scenario.calibrate`.
     """
 
     parameters: tuple[Parameter, ...]
@@ -154,6 +156,7 @@ class Calibration:
     doubts: tuple[str, ...] = ()
     rivals: tuple[Rival, ...] = ()
     images: tuple[Any, ...] = ()
+    scenario: Any = None
 
     def __repr__(self) -> str:
         """Return the values with their errors, what is unexplained, and if it is trusted."""

@@ -40,7 +40,6 @@ from periscopy_sim.storage.outputs.staging import staged_file
 from periscopy_sim.storage.photographs import read_photograph
 
 if TYPE_CHECKING:
-    from periscopy_sim.calibration.scene_covariance import SceneCovariance
     from periscopy_sim.reconstruction.method import Method, Note
     from periscopy_sim.rendering.ambient.background import Background
     from periscopy_sim.rendering.transport.plan import TransportPlan
@@ -73,13 +72,8 @@ class Watcher:
 
     progress: Progress = staticmethod(silent)
 
-    def begin(
-        self,
-        worlds: "Worlds",
-        axes: Mapping[str, Sequence[Any]],
-        missing: Sequence[Mapping[str, Any]],
-    ) -> None:
-        """Follow a sweep from its begin: axes, and cells that are missing."""
+    def begin(self, sweep: Any, missing: Sequence[Mapping[str, Any]]) -> None:
+        """Follow a `Sweep` of `Worlds` from its begin, with the cells that are missing."""
 
     def timed(
         self, part: str, make: Callable[Given, Made], *given: Given.args, **named: Given.kwargs
@@ -426,7 +420,7 @@ class Worlds:
         scenario: Scenario,
         values: Mapping[str, Any],
         wall: Photograph,
-        errors: "Mapping[str, float] | SceneCovariance | None",
+        errors: Mapping[str, float] | None,
         name: str,
     ) -> "Method":
         """Fit a method to a scene, of which some errors are known."""
@@ -450,8 +444,8 @@ class Worlds:
             self._calibrators[key] = Calibrator(ruler, truth, wall)
         calibrator = self._calibrators[key]
 
-        def fit(name: str, scenario: Scenario, errors: "SceneCovariance") -> "Method":
-            return self._fit(replace(scenario, light=light), values, wall, errors, name)
+        def fit(name: str, scenario: Scenario) -> "Method":
+            return self._fit(replace(scenario, light=light), values, wall, None, name)
 
         return {name: Calibrated(calibrator, partial(fit, name)) for name in self.methods}
 

@@ -16,7 +16,7 @@ from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.residual import Residual, residual_of
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.numerics.validation import checked_scene, plain_array
 from periscopy_sim.photograph import Photograph
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
@@ -243,6 +243,7 @@ class StillMethod(ABC, Generic[Precision]):
         ``channel_gain``, and ``paint`` where the wall has a texture. A, B and the settings are the
         class's parameters.
         """
+        checked_scene(scene)
         construct: Callable[..., Self] = cls
         return construct(
             A,

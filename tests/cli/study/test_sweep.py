@@ -148,7 +148,7 @@ def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(
     given = command("--flips", snr="40:60:3")
     shown = succeeds(*given)
     assert shown.startswith(
-        "96 results: 2 methods x 1 image x 2 places x 4 flips x 2 SBRs x 3 SNRs\n"
+        "96 results: 2 methods x 1 image x 2 places x 2 SBRs x 3 SNRs x 4 flips\n"
         "to make: 1 matrix\nabout "
     )
     more = json.loads(
