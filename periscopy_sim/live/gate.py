@@ -65,7 +65,8 @@ class Gate:
     It listens as `listen` does. `receive` takes a message of a viewer, decoded, and raises a
     ValueError if the page offers nothing like it; one message at a time, in a thread of each
     viewer. The server serves the page alone, at every path that begins with `token`;
-    `rejected` counts connections and messages, which the log names.
+    `rejected` counts connections and messages, which the log names. `is_open` says whether other
+    computers can connect.
     """
 
     def __init__(self, host: str, port: int, receive: Callable[[Any], None]) -> None:
@@ -74,6 +75,7 @@ class Gate:
         self._socket = listen(host, port)
         bound, self.port, *_ = self._socket.getsockname()
         self._address = ipaddress.ip_address(bound)
+        self.is_open = not self._address.is_loopback
         self._state: dict[str, tuple[int, str]] = {}  # by name: when it changed, and as JSON
         self._changes, self._changed, self._is_closed = 0, Condition(), False
         self._server = serve(
@@ -95,11 +97,6 @@ class Gate:
                 host = probe.getsockname()[0]
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/{self.token}/"
-
-    @property
-    def is_open(self) -> bool:
-        """Whether other computers can connect."""
-        return not self._address.is_loopback
 
     def publish(self, **state: Any) -> None:
         """Show all viewers parts of the state, by name, in one message.

@@ -78,9 +78,6 @@ def _bytes(picture: Array) -> Pixels:
     return np.rint(255 * picture).astype(np.uint8)
 
 
-# -- panels ----------------------------------------------------------------------------------------
-
-
 def panels_of(pictures: LivePictures) -> list[Panel]:
     """Return the panels: photograph, reconstruction, and what is known of their errors.
 

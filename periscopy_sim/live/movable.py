@@ -18,6 +18,9 @@ SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
 """Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
 the scene declares none, in metres by which places move; least steps from the middle to an end."""
 
+Arrays = Mapping[str, Array]
+Numbers = Mapping[str, float]
+
 
 @dataclass(frozen=True)
 class Movable:
@@ -132,12 +135,7 @@ def _limits(
     return low, high, step
 
 
-def _handle(
-    group: frozenset[str],
-    shifts: Mapping[str, Array],
-    values: Mapping[str, float],
-    parts: Mapping[str, Array],
-) -> Handle:
+def _handle(group: frozenset[str], shifts: Arrays, values: Numbers, parts: Arrays) -> Handle:
     """Return the handle of a set of parts that some parameters shift together."""
     points = np.concatenate([parts[name] for name in sorted(group)])
     center = (points.min(axis=0) + points.max(axis=0)) / 2

@@ -31,6 +31,8 @@ IN_SPACE = 0.2
 SBRS = 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0
 """The signal-to-background ratios of the page's list."""
 
+Describe = Callable[[Report], Sequence[str]]
+
 
 @dataclass(frozen=True)
 class Control:
@@ -74,12 +76,7 @@ class Page(ABC):
     """
 
     def __init__(
-        self,
-        host: str,
-        port: int,
-        scenario: Scenario,
-        first: Choice,
-        describe: Callable[[Report], Sequence[str]],
+        self, host: str, port: int, scenario: Scenario, first: Choice, describe: Describe
     ) -> None:
         require("websockets")
         from periscopy_sim.live.gate import Gate
@@ -220,12 +217,9 @@ class Page(ABC):
         """Show what is set: the controls' values, and where handles are."""
         values = self.choice.values
         handles = [
-            {
-                "name": name,
-                "axes": (each.directions != 0).any(axis=0).tolist(),
-                "position": each.position(values).tolist(),
-            }
-            for name, each in self.handles.items()
+            {"name": name, "axes": of.directions.any(axis=0).tolist()}
+            | {"position": of.position(values).tolist()}
+            for name, of in self.handles.items()
         ]
         shown = {name: control.value() for name, control in self.controls.items()}
         self.gate.publish(values=shown, handles=handles)

@@ -116,10 +116,9 @@ class FittedChoice:
         return entry.frames_by(self.method, "none").solve_next
 
     def see(self, frame: Photograph, noise: float, number: int) -> LivePictures:
-        """Return the pictures of a frame, (rows, columns, C), of this size or a larger one.
+        """Return the pictures of a frame, of this size or a larger one, by the noise left in it.
 
-        `noise` is what is left of the camera's, over the light. Of a method for videos, nothing is
-        corrected and the residual has no verdict.
+        A method for videos gives no verdict.
         """
         begun, values = time.perf_counter(), self._values(frame)
         with own_errors(self.choice.method, "failed"):
@@ -134,10 +133,7 @@ class FittedChoice:
         return self._pictures(light, solution.image, report, seconds, number)
 
     def judge(self, frame: Photograph) -> Report | None:
-        """Return the report of the method for single photographs, with its verdict, on one core.
-
-        None where `see` says as much.
-        """
+        """Return the report on a single photograph, on one core; None where `see` says as much."""
         if self._follow is None or not self.method.judges_scene:
             return None
         values = self._values(frame)

@@ -58,9 +58,6 @@ class RunningAverage:
     marks. Errors are those of `prepare`, or say that a companion is not of the frames' size.
     """
 
-    _first: Array  # frame of the average
-    _latest: Array
-
     def __init__(
         self,
         first: CameraFrame,
@@ -84,6 +81,7 @@ class RunningAverage:
         self.page_off = page_off
         self.wall: Photograph | None = None
         self._variance, self._differences = 0.0, 0  # of a frame's noise over the mean light
+        self._first = self._latest = np.empty(0)  # frames of the average
         self._restart()
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:

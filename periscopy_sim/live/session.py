@@ -3,7 +3,7 @@
 import logging
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from threading import Event, Thread
 from typing import Self
@@ -11,7 +11,7 @@ from typing import Self
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.page import Page
+from periscopy_sim.live.page import Describe, Page
 from periscopy_sim.live.pictures import (
     Check,
     Choice,
@@ -22,7 +22,6 @@ from periscopy_sim.live.pictures import (
 )  # fmt: skip
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
@@ -41,15 +40,12 @@ class LiveSession(Page):
     the others, and errors, see `Page`.
     """
 
-    steps: Sequence[Job] = ()
-    """What runs beside the laboratory, each in a thread."""
-
     def __init__(
         self,
         scenario: Scenario,
         first: Choice,
         save: Callable[[LivePictures], str],
-        describe: Callable[[Report], Sequence[str]],
+        describe: Describe,
         *,
         photograph: Photograph | Callable[[], Photograph] | None = None,
         mask: Mask | None = None,
@@ -66,8 +62,7 @@ class LiveSession(Page):
         self._changed, self.ended, self._jobs = Event(), Event(), list[Job]()
         self._done: Choice | None = None  # in full
         self._rests = 0.0  # when the latest choice counts as at rest
-
-        self._save = save
+        self._save, self.steps = save, list[Job]()  # what runs beside it, each in a thread
         super().__init__(host, port, small, first, describe)
 
     def follow(self, laboratory: SizedLaboratory, choice: Choice, check: Check) -> None:
@@ -77,12 +72,9 @@ class LiveSession(Page):
         self.show(pictures)
 
     def want(self, rest: float = 0.0) -> None:
-        """Follow the present choice; in full, unless another one comes within so many seconds.
-
-        A choice that is done in full is followed in full alone.
-        """
+        """Follow the present choice; in full, unless another one comes within so many seconds."""
         self._rests = time.monotonic() + rest
-        is_done, self._done = self._done == self.choice, None
+        is_done, self._done = self._done == self.choice, None  # it is not shown coarsely again
         self._behind = [self._full] if is_done else [self._coarse, self._full]
         self._changed.set()
 

@@ -7,7 +7,7 @@ so that no picture is late.
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.live.frames import CameraFrame, Latest, Say, Source, open_source
 from periscopy_sim.live.movable import Movable
-from periscopy_sim.live.page import Control, button, slider
+from periscopy_sim.live.page import Control, Describe, button, slider
 from periscopy_sim.live.pictures import Check, Choice, FittedChoice, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, RunningAverage
 from periscopy_sim.live.session import Job, LiveSession
@@ -78,7 +78,7 @@ class WatchSession(LiveSession):
         scenario: Scenario,
         method: str,
         save: Callable[[LivePictures], str],
-        describe: Callable[[Report], Sequence[str]],
+        describe: Describe,
         *,
         companions: Companions | None = None,
         count: int = 1,
@@ -98,8 +98,7 @@ class WatchSession(LiveSession):
         self._fitted: FittedChoice | None = None
         self._times = deque[tuple[float, float]](maxlen=RECENT)  # of frames shown, with latencies
         self.read, self.shown, self.notice = 0, 0, "waiting for the first frame"
-        self._lines, self._expires = list[str](), 0.0
-        self._judged = 0.0  # when the scene is judged next
+        self._lines, self._expires, self._judged = list[str](), 0.0, 0.0  # due: news, verdict
         super().__init__(
             scenario, Choice({}, "", method=method), save, describe,
             photograph=self.photograph, mask=self._companions.mask, **page,
@@ -125,15 +124,11 @@ class WatchSession(LiveSession):
         return {
             "frames_shown": self.shown,
             "frames_dropped": self.dropped,
-            "median_latency": self._latency,
+            "median_latency": median(each for _, each in [*self._times]) if self.shown else None,
             "average": self.count,
             **(self._frames.record if self._frames else {}),
             **(judged.numbers() if judged else {}),
         }
-
-    @property
-    def _latency(self) -> float | None:
-        return median(latency for _, latency in [*self._times]) if self._times else None
 
     def photograph(self) -> Photograph:
         """Return the present average; a PeriscopyError says why there is none."""
@@ -290,14 +285,15 @@ class WatchSession(LiveSession):
         self.stop()
 
     def _numbers(self, progress: Progress) -> list[str]:
-        times, noise = [each for each, _ in self._times], "one frame, whose noise is not known"
+        times, latencies = zip(*self._times, strict=True)
+        noise = "one frame, whose noise is not known"
         rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
         if progress.noise or progress.averaged > 1:
             noise = (
                 f"average of {progress.averaged:.3g} frames: noise {100 * progress.noise_left:.2g} "
                 f"%, of one frame {100 * progress.noise:.2g} %"
             )
-        speed = f"{rate:.1f} frames a second, latency {1000 * (self._latency or 0):.0f} ms"
+        speed = f"{rate:.1f} frames a second, latency {1000 * median(latencies):.0f} ms"
         return [speed, f"{progress.dropped} frames dropped", noise]
 
     def _judge(self) -> None:
