@@ -320,7 +320,7 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"vary": "samples=4"}, "--vary samples"),
         ({"vary": "resolution=21"}, "--vary resolution"),
         ({"vary": "assumed.resolution=42"}, "42"),
-        ({"vary": "hidden=0x5"}, "0x5"),
+        ({"vary": "hidden=4x5,8x10"}, "--vary hidden: an option gives hidden, too"),
         ({"vary": "assumed.plate_width=-0.06,0.06"}, "--vary assumed.plate_width=-0.06"),
         ({"vary": "model=foo"}, "foo"),
         ({"vary": "truncated-svd.tv_weight=abc"}, "abc"),
@@ -330,6 +330,7 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"ambient": "none"}, "--ambient none"),
         ({"ambient": "none,left.exr"}, "'none'"),
         ({"snr": "loud"}, "--snr loud"),
+        ({"seeds": "many"}, "'--seeds': write a whole number"),
     ],
 )
 def test_bad_input_is_one_line(changes, offender, refused):
@@ -348,6 +349,11 @@ def test_bad_input_is_one_line(changes, offender, refused):
 def test_study_file_is_refused_as_the_command_line(entry, option, refused, folder):
     (folder / "study.yaml").write_text(entry)
     assert refused(*command(), "--study", "study.yaml") == refused(*command(), *option)
+
+
+def test_a_study_files_truth_values_are_named(refused, folder):
+    (folder / "study.yaml").write_text("flips: maybe")
+    assert "'--flips': write true or false" in refused(*command(), "--study", "study.yaml")
 
 
 KILLED = """
