@@ -14,7 +14,7 @@ import typer
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Sizes
-from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
+from periscopy_sim.numerics.limits import RANGES, SMALLEST, in_range, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
 from periscopy_sim.shipped import find_image
@@ -27,34 +27,6 @@ GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
-
-RANGES: Mapping[str, tuple[float, float]] = {
-    "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
-    "decibels": (-100, 300),
-    "ratio": (1e-6, 1e6),
-    "sbr": (1e-6, math.inf),
-    "error": (1e-5, 1),
-    "tolerance": (1e-15, 0.5),
-    "effort": (1e-4, 1),
-    "rate": (0.1, 1000),
-    "level": (-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
-    "side": (1, 10_000),  # of a block of pixels
-    "resolution": (2, 2048),  # as many pixels as a scene may have
-    "grid": (2, 100),
-    "inches": (2, 20),
-    "count": (1, 1000),
-    "samples": (1, 10**8),
-    "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
-    "camera samples": (1, 2**20),
-    "port": (0, 65535),
-    "parameter": (-LARGEST, LARGEST),
-}
-"""Least and greatest of each kind of number that users give."""
-
-
-def in_range(kind: str, *values: float) -> bool:
-    """Return whether numbers of a kind are in its range."""
-    return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
 
 
 def _existing_files(value: list[Path] | None) -> list[Path] | None:

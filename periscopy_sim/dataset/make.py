@@ -15,8 +15,8 @@ from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
 from periscopy_sim.dataset.samples import (
     Backgrounds,
     Block,
-    Geometry,
     GeometryDraw,
+    RenderedGeometry,
     backgrounds_of,
     draw_geometry,
     make_samples,
@@ -153,7 +153,7 @@ def make_dataset(
         if planned is not None:
             rooms = missing_lights(settings, first, out / MAKING) if shares else 0
             planned(Work(made, len(shares), rooms, 1e-6 * made * layout.sample_bytes))
-        begun: dict[int, Geometry] = {}
+        begun: dict[int, RenderedGeometry] = {}
         if shares and scheduler is None and estimated is not None:
             flat = settings, layout.photograph_shape, backgrounds_of(settings, first, out / MAKING)
             number, (block, *_) = next(iter(shares.items()))
@@ -196,7 +196,7 @@ def _made(
     shares: Mapping[int, Sequence[int]],
     scheduler: str | None,
     store: BlockStore,
-    begun: dict[int, Geometry],
+    begun: dict[int, RenderedGeometry],
 ) -> Iterator[tuple[int, Block]]:
     """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
 
@@ -236,14 +236,14 @@ def _make_share(
     return made
 
 
-def _geometry(shared: _Shared, number: int) -> Geometry:
+def _geometry(shared: _Shared, number: int) -> RenderedGeometry:
     settings, shape, _ = shared
     geometry = render_geometry(settings, number)
     _check_shape(number, geometry.scenario, shape)
     return geometry
 
 
-def _block(shared: _Shared, item: tuple[Geometry, int]) -> tuple[int, Block]:
+def _block(shared: _Shared, item: tuple[RenderedGeometry, int]) -> tuple[int, Block]:
     """Return the number of a block, and the block."""
     (settings, _, backgrounds), (geometry, number) = shared, item
     start, stop = (n * settings.samples_per_shard for n in (number, number + 1))

@@ -34,10 +34,9 @@ from periscopy_sim.measurement import add_noise
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import combine_rows, times_rows
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
-from periscopy_sim.rendering.transport.plan import SMALL, planned_for
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
+from periscopy_sim.rendering.transport.plan import SMALL
+from periscopy_sim.scenario import Light, Scenario, load_scenario
 from periscopy_sim.storage.ambient_library import (
     Progress,
     ambient_photographs,
@@ -165,7 +164,7 @@ Block = dict[str, NDArray[Any]]
 
 def make_samples(
     configuration: Configuration,
-    geometry: "Geometry",
+    geometry: "RenderedGeometry",
     backgrounds: "Backgrounds",
     start: int,
     stop: int,
@@ -235,7 +234,7 @@ def make_samples(
     return block
 
 
-def _signals(geometry: "Geometry", hidden: Sequence[Array]) -> NDArray[np.floating[Any]]:
+def _signals(geometry: "RenderedGeometry", hidden: Sequence[Array]) -> NDArray[np.floating[Any]]:
     """Return photographs of the hidden surfaces' light alone, (n, rows, columns, 3)."""
     scenario, A = geometry.scenario, geometry.transport
     frames, channels = len(hidden[0]), hidden[0].shape[-1]
@@ -296,7 +295,7 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
     return np.asarray(combine_rows(np.ascontiguousarray(weights.T), ψ).T, np.float64)
 
 
-def _labels(geometry: "Geometry", clips: list[ClipDraw], length: int) -> Block:
+def _labels(geometry: "RenderedGeometry", clips: list[ClipDraw], length: int) -> Block:
     """Return the variables of one value for each sample, of clips of `length` frames."""
     draw = geometry.draw
     of_geometry: dict[str, Any] = {"geometry": draw.number, "split": draw.split}
@@ -330,7 +329,7 @@ TRIED = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Geometry:
+class RenderedGeometry:
     """A scene with its parameters, ready to take photographs by A."""
 
     draw: GeometryDraw
@@ -340,39 +339,40 @@ class Geometry:
 
 def scenario_of(configuration: Configuration, draw: GeometryDraw) -> Scenario:
     """Return the scene of a geometry; the error of one that cannot be loaded has its parameters."""
-    scene = configuration.scenes[draw.source].scene
+    scene, of = configuration.scenes[draw.source].scene, configuration.light
+    bounces = of.bounces if isinstance(of, Bounced) else 1
+    # The seed is the data set's own: samples of A are no random draw of a sample.
+    light, seed = Light(samples=of.samples, bounces=bounces), configuration.seed
     place = f"geometry {draw.number} ({draw.parameters or 'no parameters'})"
     try:
         with _rendering:
-            return load_scenario(scene, configuration.hidden, draw.parameters)
+            return load_scenario(
+                scene, configuration.hidden, draw.parameters, light=light, seed=seed
+            )
     except SceneError as error:
         raise ConfigurationError(f"{place}: {error}") from error
 
 
-def render_geometry(settings: Configuration, number: int) -> Geometry:
+def render_geometry(settings: Configuration, number: int) -> RenderedGeometry:
     """Return a geometry with its A: 66 MB at 36 x 29 patches, 126 x 126 pixels, direct light."""
-    draw, light = draw_geometry(settings, number), settings.light
+    draw = draw_geometry(settings, number)
     scenario = scenario_of(settings, draw)
     first = number * settings.samples_per_geometry // settings.clip_length
     clips = (draw_clip(settings, first + k).hidden for k in range(TRIED))
     ids = named("hidden", {name: name for name in scenario.hidden})
     joined = (scenario.hidden.join({ids[n]: f[0] for n, f in clip.items()}) for clip in clips)
     images = np.stack([*joined])
+    noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
     with _rendering:
-        # The seed is the data set's own: samples of A are no random draw of a sample.
-        noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
-        error, A = planned_for(images, scenario, noise, samples=light.samples, seed=settings.seed)
-        if error > SMALL * noise:
-            warnings.warn(
-                f"geometry {number}: A errs by up to {error:.1e} of the light of its first images, "
-                f"more than a third of the noise at {-20 * np.log10(noise):.0f} dB",
-                RuntimeWarning,
-                stacklevel=2,
-            )
-        if isinstance(light, Bounced):
-            bounced = add_bounces(scenario, A, light.bounces, seed=settings.seed)
-            return Geometry(draw, scenario, bounced)
-    return Geometry(draw, scenario, A)
+        error, A = scenario.transport_of(images, noise)
+    if error > SMALL * noise:
+        warnings.warn(
+            f"geometry {number}: A errs by up to {error:.1e} of the light of its first images, "
+            f"more than a third of the noise at {-20 * np.log10(noise):.0f} dB",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return RenderedGeometry(draw, scenario, A)
 
 
 def missing_lights(settings: Configuration, scenario: Scenario, folder: Path) -> int:

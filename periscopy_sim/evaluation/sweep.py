@@ -18,18 +18,18 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError, SceneError
-from periscopy_sim.evaluation.methods import estimates_by, without_addresses
 from periscopy_sim.evaluation.metrics import METRICS, measured
-from periscopy_sim.evaluation.own_code import OwnError
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
 from periscopy_sim.evaluation.workers import compute, connect
 from periscopy_sim.evaluation.world import World, WorldMaker
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
+from periscopy_sim.methods import estimates_by, without_addresses
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import SMALLEST
 from periscopy_sim.numerics.machine import timed
 from periscopy_sim.numerics.validation import InputError, checked_number, checked_numbers
+from periscopy_sim.own_code import OwnError
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.evaluation.own_code import OwnCode, own_errors
 from periscopy_sim.numerics import Mask
 from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.own_code import OwnCode, own_errors
 from periscopy_sim.photograph import with_channels
 from periscopy_sim.photographs.defects import plateaus
 from periscopy_sim.photographs.develop import SensorImage, sensor_image

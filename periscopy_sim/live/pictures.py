@@ -9,23 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.analytic.area_transport import has_areas
-from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.moving_scene import limit_size, limit_sizes, scene_uncertainty
+from periscopy_sim.calibration.moving_scene import limit_size, limit_sizes
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import check_rank, fit_method, own_errors, plan_for
 from periscopy_sim.evaluation.metrics import psnr_gain_matched
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
-from periscopy_sim.model.fit import PRECISION
+from periscopy_sim.methods import own_errors
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.model.residual import quick_residual
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import one_thread
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Note, Report, Solution, StillMethod
-from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
-from periscopy_sim.rendering.transport.plan import FEWEST, NOISE, TransportPlan
+from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.rendering.transport.plan import NOISE
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.pictures import area_average, averaged_photograph, read_hidden_image
@@ -155,7 +153,7 @@ class SizedLaboratory:
         is_coarse: bool,
         seed: int = 0,
     ) -> None:
-        self.scenario, self.is_coarse, self._seed = scenario, is_coarse, seed
+        self.scenario, self.is_coarse = replace(scenario, seed=seed), is_coarse
         shape = scenario.photograph_shape
         self._light = None if light is None else area_average(light, shape)
         self._given_photograph = photograph and averaged_photograph(photograph, shape)
@@ -207,44 +205,26 @@ class SizedLaboratory:
         values = tuple(choice.values.values())
         given = {name: f"{value:.9g}" for name, value in choice.values.items()}
         scenario = kept("scenario", values, lambda: self.scenario.at(**given))
-        entry, truth, photograph = METHODS.get(choice.method), None, self._given_photograph
+        truth, photograph = None, self._given_photograph
         if photograph is None:
             noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
         else:  # averages of frames to come have less than the present one
             known = None if wall is not None else relative_noise(photograph)
             noise = NOISE if known is None else known
-
-        def transport(name: str) -> tuple[TransportPlan, Any]:
-            """Return A for a method, and its plan."""
-            of = "by rays" if name in METHODS and METHODS[name].rays else ""
-            plan = kept(f"plan {of}", (values, noise), lambda: self._plan(name, scenario, noise))
-            return plan, kept(
-                f"A {of}", (values, plan),
-                lambda: plan.transport(scenario, seed=self._seed, progress=unless_overtaken),
-            )  # fmt: skip
-
+        fineness = np.inf if self.is_coarse else noise  # the quickest A
         if choice.image:
             path = find_image(choice.image)
             truth = kept("f", path, lambda: self._shown(path))
         if photograph is None:
-            photograph = self._expose(choice, truth, scenario, transport(DEFAULT)[1])
-        plan, A = transport(choice.method)
-        B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
-        # The effect of a scene's errors takes as long as all else, too long for a hand that moves.
-        counts = entry is not None and entry.uncertain and not self.is_coarse
-        uncertain, notes = scene_uncertainty(scenario) if counts else (None, list[Note]())
-
-        def fitted() -> StillMethod[Any]:
-            method = fit_method(choice.method, scenario, A, B, photograph, uncertain)
-            check_rank(method, scenario, plan.samples, photograph.pixels, self._seed)
-            return method
-
-        key = choice.method, values, plan, photograph.conditions
-        method = kept("method", key, fitted)
+            photograph = self._expose(choice, truth, scenario, fineness)
         unless_overtaken()
-        if plan.error > max(noise, PRECISION):
-            errors = {"error": 100 * plan.error, "noise": 100 * noise, "model": plan.by}
-            notes.append(Note("transport_error", {"name": "A", **errors}))
+        scenario.transport(fineness, choice.method, progress=unless_overtaken)
+        # The effect of a scene's errors takes as long as all else, too long for a hand that moves.
+        errors: dict[str, float] | None = {} if self.is_coarse else None
+        method = scenario.method(choice.method, photograph, noise=fineness, errors=errors)
+        unless_overtaken()
+        notes = scenario.uncertainty(choice.method, errors)[1]
+        notes += check_error(scenario, method.plan.origin, noise)
         return FrameMethod(choice, scenario, self.is_coarse, truth, method, photograph, notes)
 
     def _shown(self, path: Path) -> Any:
@@ -259,19 +239,11 @@ class SizedLaboratory:
         images, truths = hidden.images(image), hidden.images(truth)
         return float(np.mean([psnr_gain_matched(images[name], truths[name]) for name in hidden]))
 
-    def _plan(self, name: str, scenario: Scenario, noise: float) -> TransportPlan:
-        """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
-        if not self.is_coarse:
-            return plan_for(name, scenario, noise, seed=self._seed)
-        rays = RAYS if name in METHODS and METHODS[name].rays else FEWEST
-        has_closed_form = rays == FEWEST and has_areas(scenario)
-        return TransportPlan(0.0, None if has_closed_form else rays)
-
-    def _expose(self, choice: Choice, truth: Any, scenario: Scenario, A: Any) -> Photograph:
+    def _expose(self, choice: Choice, truth: Any, scenario: Scenario, noise: float) -> Photograph:
         """Return a photograph, y = A f + b + noise."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")
-        y = scenario.channel_gain * (A @ scenario.hidden.vector(truth))
+        y = scenario.channel_gain * (scenario.transport(noise) @ scenario.hidden.vector(truth))
         if y.mean() <= 0:
             raise PeriscopyError("no light reaches the wall: the hidden image is black")
         y = (y / y.mean()).reshape(*scenario.photograph_shape, -1)

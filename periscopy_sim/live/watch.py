@@ -6,12 +6,12 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import find_method
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice, LivePictures
 from periscopy_sim.live.preparation import Companions
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.live.stream import Progress, Stream
+from periscopy_sim.methods import find_method
 from periscopy_sim.numerics import Mask
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.photographs.marks import WallPoints, WallTags

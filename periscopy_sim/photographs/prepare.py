@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.photographs.develop import SensorImage, mask_of_pixels, sensor_image
@@ -14,7 +15,6 @@ from periscopy_sim.photographs.marks import Marks, WallPoints, WallTags, find_ta
 from periscopy_sim.photographs.resampling import Flaw, average_areas, block_corners
 from periscopy_sim.photographs.view_fit import FittedView, fit_view
 from periscopy_sim.photographs.wall_view import WallPlane, project, wall_plane
-from periscopy_sim.scenario import Scenario
 
 PAPER_SIDE = 1.5
 """Side of the paper around a tag over the tag's own; the film's pixels on it are not used."""
@@ -50,7 +50,7 @@ class PlacedFilm:
         return hidden
 
 
-def place_film(light: SensorImage, scenario: Scenario, marks: WallPoints | WallTags) -> PlacedFilm:
+def place_film(light: SensorImage, scenario: Geometry, marks: WallPoints | WallTags) -> PlacedFilm:
     """Find the pixels of a scene's film in any camera's photograph, by marks on the wall.
 
     A PhotographError names the list of marks if they do not show the view, see `find_tags` and
@@ -174,7 +174,7 @@ class FilmAreas:
 
 def film_areas(
     light: SensorImage,
-    scenario: Scenario,
+    scenario: Geometry,
     marks: WallPoints | WallTags | None = None,
     mask: Mask | None = None,
 ) -> FilmAreas:
@@ -225,7 +225,7 @@ def used_pixels(kinds: NDArray[np.uint8]) -> Mask:
 
 def prepare(
     photograph: SensorImage | ArrayLike,
-    scenario: Scenario,
+    scenario: Geometry,
     *,
     marks: WallPoints | WallTags | None = None,
     mask: Mask | None = None,

@@ -42,6 +42,7 @@ class Report:
     stages: Sequence[tuple[str, Image]] = ()  # titles and images that led to the solution
     standard_errors: Array | None = None  # (R, C, channels); None where the method knows none
     residual: Residual | None = None  # None where the photograph's rows and columns are unknown
+    remedies: Sequence[Note] = ()  # what lowers the residual, see `Scenario.judge`
 
     @property
     def verdict(self) -> Note:
@@ -176,6 +177,12 @@ class StillMethod(ABC, Generic[Precision]):
 
     judges_scene = True
     """Whether the image is a least-squares fit, whose residual shows if the scene fits."""
+
+    name = ""
+    """The method's name, where a scenario fitted it."""
+
+    plan: Any = None
+    """How A was made, where a scenario fitted the method: a `TransportPlan`."""
 
     _latest: tuple[bytes, Self] | None = None
 

@@ -8,7 +8,7 @@ from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Page
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.live.session import LiveSession
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 
 OFFERED = ("mushroom", "bars"), ("noise-aware", "preconditioned")
 PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)

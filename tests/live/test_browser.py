@@ -8,7 +8,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from experiments.benchmarks import live
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 
 pytest.importorskip("websockets")
 pytest.importorskip("playwright")

@@ -5,7 +5,7 @@ import pytest
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.live.movable import find_movables
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import find_scene
 
 

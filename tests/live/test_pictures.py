@@ -8,7 +8,7 @@ from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.pictures import Overtaken, SizedLaboratory, coarse
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.storage.pictures import averaged_photograph
 from tests.scenes.room import Room
 

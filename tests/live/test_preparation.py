@@ -7,7 +7,7 @@ from periscopy_sim.live import preparation
 from periscopy_sim.live.frames import CameraFrame
 from periscopy_sim.live.preparation import TAKEN, Companions, Preparation, PreparedFrames
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.storage.formats.decoding import LINEAR
 from periscopy_sim.storage.formats.srgb import srgb_light
 

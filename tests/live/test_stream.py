@@ -10,8 +10,8 @@ import pytest
 
 import periscopy_sim as ps
 from experiments.benchmarks import live
+from periscopy_sim import methods
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.live import pictures as live_pictures
 from periscopy_sim.live import preparation, stream
 from periscopy_sim.live.frames import open_source
 from periscopy_sim.live.pictures import Choice
@@ -21,7 +21,7 @@ from periscopy_sim.live.stream import Stream
 from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.photographs import prepare
 from periscopy_sim.photographs.marks import WallTags
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 
 pytest.importorskip("websockets")
 PATIENCE = 240.0
@@ -95,9 +95,9 @@ def watched():
 
 @pytest.mark.parametrize("channels", [3, 4])
 def test_the_method_is_formed_before_the_first_frame(level, choice, monkeypatch, channels):
-    fit, fitted = live_pictures.fit_method, []
+    fit, fitted = methods.fit_method, []
     monkeypatch.setattr(
-        live_pictures, "fit_method", lambda *given: fitted.append(fit(*given)) or fitted[-1]
+        methods, "fit_method", lambda *given: fitted.append(fit(*given)) or fitted[-1]
     )
     frames = [np.random.default_rng(0).integers(8000, 9000, (24, 24, channels), np.uint16), None]
     matrix = None if channels == 3 else ColourMatrix(np.eye(4, 3) + np.eye(4, 3, -1))

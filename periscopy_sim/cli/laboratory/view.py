@@ -73,7 +73,7 @@ def view(
         from periscopy_sim.live.session import LiveSession
 
         if image:
-            session.hidden_image(image)
+            session.scenario.image(image)
         session.check_scene(method)
         wall = None if photo is None else session.wall(photo)
         light = None

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import checked_number
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
@@ -27,7 +28,6 @@ from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.wall import camera_of, look, map_points, shape_of
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import LIFT, View, WallFrame, pixel_edges, rises, wall_frame
 
@@ -68,7 +68,7 @@ class Background:
 
 def render_background(
     path: str | Path,
-    scenario: Scenario,
+    scenario: Geometry,
     parameters: Mapping[str, str] | None = None,
     *,
     target: float = 3e-4,

@@ -13,7 +13,7 @@ from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")

@@ -7,7 +7,11 @@ import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.rendering.transport import plan as planning
-from periscopy_sim.rendering.transport.plan import plan_transport
+from periscopy_sim.rendering.transport.plan import planned
+
+
+def plan_transport(*scene, **settings):
+    return planned(*scene, **settings)[0]
 
 
 @pytest.mark.parametrize(("noise", "samples"), [(0.01, 256), (0.002, None)])

@@ -17,7 +17,7 @@ from periscopy_sim.errors import PeriscopyError
 OwnError = (Exception, SystemExit)
 """Errors of a user's code that end nothing else; `sys.exit` in it is such an error."""
 
-PACKAGE = Path(__file__).parents[1]
+PACKAGE = Path(__file__).parent
 
 
 @dataclass(frozen=True)
