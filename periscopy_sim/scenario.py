@@ -222,8 +222,13 @@ class Scenario(Geometry):
 
         by_id = names if isinstance(names, Mapping) else dict.fromkeys(self.hidden, str(names))
         shapes = self.hidden.shapes.items()
-        images = {n: read_hidden_image(find_image(by_id[n]), shape) for n, shape in shapes}
-        return self.hidden.unwrapped(images)
+        files = {name: (find_image(by_id[name]), shape) for name, shape in shapes}
+
+        def make() -> Any:
+            return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
+
+        changed = [file.stat().st_mtime_ns for file, _ in files.values()]
+        return self.memo(("image", *files.items(), *changed), make)
 
     def ambient(
         self, name: str | Path, *, target: float = TARGET, progress: Any = None
@@ -362,8 +367,7 @@ class Scenario(Geometry):
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
         source = source_sha256(name)  # rejects what is no method before anything is rendered
-        if photograph is not None and not isinstance(photograph, Photograph):
-            photograph = Photograph.of(photograph, self.photograph_shape)
+        photograph = None if photograph is None else self._checked(photograph)
         if noise is None and photograph is not None:
             noise = self.noise(photograph)
         plan, conditions = self.plan(noise, name), photograph and photograph.conditions
@@ -492,7 +496,7 @@ class Scenario(Geometry):
 
     def judge(
         self,
-        photograph: Photograph,
+        photograph: Photograph | Image,
         solution: Any,
         method: "StillMethod[Any] | Name" = DEFAULT,
         report: "Report | None" = None,
@@ -519,6 +523,7 @@ class Scenario(Geometry):
         from periscopy_sim import judgement
         from periscopy_sim.reconstruction.method import StillMethod
 
+        photograph = self._checked(photograph)
         fitted: StillMethod[Any] = (
             method if isinstance(method, StillMethod) else self.method(method, photograph)
         )
@@ -529,6 +534,12 @@ class Scenario(Geometry):
             warnings = judgement.check_bounces(self, fitted, images, photograph, self.seed)
         remedies = judgement.remedies_of(self, report, fitted, photograph)
         return replace(report, warnings=[*report.warnings, *warnings], remedies=remedies)
+
+    def _checked(self, photograph: Photograph | Image) -> Photograph:
+        """Return a photograph of this camera's shape, from an array too."""
+        if isinstance(photograph, Photograph):
+            return photograph
+        return Photograph.of(photograph, self.photograph_shape)
 
     # -- what things are kept by -------------------------------------------------------------------
 

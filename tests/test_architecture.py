@@ -110,7 +110,7 @@ def broken_arrows(module, tree):
                 allowed |= other in ("extras", "errors")
         if own == "analytic" and other == "rendering":  # twins that check each other
             allowed = False
-        if own == "cli" and other in MAKERS and module != DOCTOR:  # a scenario makes all
+        if own in ("cli", "live") and other in MAKERS and module != DOCTOR:  # a scenario makes all
             allowed = False
         if not allowed:
             yield f"{module} imports {name}"
@@ -266,6 +266,7 @@ def test_package_in_an_archive_asks_to_be_unpacked(tmp_path):
     assert re.search(r"^ImportError: .*package\.zip.*unpack", ended.stderr, re.MULTILINE)
 
 
+@pytest.mark.filterwarnings("ignore:use ps:DeprecationWarning")
 def test_public_names_resolve_and_are_documented():
     """On every machine, whichever optional dependencies it has."""
     for name in periscopy_sim.__all__:
@@ -277,6 +278,7 @@ def test_public_names_resolve_and_are_documented():
             assert not thing.__doc__.startswith(f"{name}("), name
 
 
+@pytest.mark.filterwarnings("ignore:use ps:DeprecationWarning")
 def test_pages_of_classes_list_the_parameters_of_their_constructors():
     for name, thing in ((name, getattr(periscopy_sim, name)) for name in periscopy_sim.__all__):
         if not inspect.isclass(thing) or issubclass(thing, Exception):
@@ -289,6 +291,13 @@ def test_pages_of_classes_list_the_parameters_of_their_constructors():
             for each in line.partition(" :")[0].split(", ")
         }
         assert inspect.signature(thing).parameters.keys() <= documented, name
+
+
+@pytest.mark.parametrize("name", ["World", "Sweep", "run_sweep"])
+def test_former_names_serve_one_more_version(name, monkeypatch):
+    monkeypatch.delitem(vars(periscopy_sim), name, raising=False)  # loaded before
+    with pytest.warns(DeprecationWarning, match=f"ps.sweep; ps.{name} "):
+        assert getattr(periscopy_sim, name).__name__ == name
 
 
 def test_names_given_to_functions_leave_their_docstrings():

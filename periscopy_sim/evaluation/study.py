@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -237,7 +238,7 @@ def sweep(
 def _listed(values: Any) -> list[Any]:
     """Return the values of an axis, of which there may be one alone."""
     is_several = isinstance(values, Iterable) and not isinstance(values, str)
-    return [float(v) if isinstance(v, int) else v for v in (values if is_several else [values])]
+    return [float(v) if isinstance(v, Real) else v for v in (values if is_several else [values])]
 
 
 def _named_methods(

@@ -94,8 +94,7 @@ class Watcher:
     def note(self, notes: "Sequence[Note | str]") -> None:
         """Follow notes on a scene, or lines; this one warns of them."""
         for each in notes:
-            line = each if isinstance(each, str) else f"{each.code}: {dict(each.values)}"
-            warnings.warn(line, RuntimeWarning, stacklevel=3)
+            warnings.warn(str(each), RuntimeWarning, stacklevel=3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -274,7 +274,7 @@ def test_commands_without_an_image_need_no_grids(scene, succeeds, tmp_path):
 
 def test_page_writes_each_surface(scene, tmp_path):
     two = ps.load_scenario(tmp_path / scene, SIZES)
-    pictures = SizedLaboratory(two, is_coarse=True).pictures(Choice({}, "bars"), lambda *_: None)
+    pictures = SizedLaboratory(two, is_coarse=True).fit(Choice({}, "bars")).pictures()
     session = Session(str(tmp_path / scene), list(HIDDEN[1::2]))
     write_view(tmp_path / "view", session, pictures, None)
     files = {path.name for path in (tmp_path / "view").iterdir()}

@@ -1,0 +1,18 @@
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+
+pytest.importorskip("xarray")
+
+
+@pytest.mark.usefixtures("jit")
+def test_values_of_an_axis_may_be_whole_numbers():
+    """From a command line they are all floats."""
+    scene = ps.load_scenario("chair", (3, 4), {"resolution": 16})
+    results = ps.sweep(
+        scene, ["mushroom"], methods=["truncated-svd"], ambient={"lamp": np.ones((16, 16, 3))},
+        sbr=[1], snr=[40], vary={"occluder_dx": (0, 0.02)},
+    )  # fmt: skip
+    assert results["occluder_dx"].values.tolist() == [0.0, 0.02]
+    assert not results["failure"].values.any()
