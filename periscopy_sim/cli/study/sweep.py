@@ -39,10 +39,11 @@ _METHODS = "Methods by comma; yours as module:callable or file.py:callable."
 _SEEDS = "Noise draws for each background and SBR."
 _SNRS = "Signal-to-noise ratios of Gaussian noise: 40,60 or 40:80:5; the signal includes light."
 SBRS, SNRS, PLACES = "0.1,1,10", "60", "overcast,low_sun,ceiling_panels"
+PATCHES = "29x36"
 
 
 def sweep(
-    session: Annotated[WallSession, {"hidden": ["29x36"]}],
+    session: Annotated[WallSession, {"hidden": [PATCHES]}],
     light: LightOptions,
     out: options.Store,
     vary: Annotated[list[str] | None, option("NAME=VALUES", _VARY)] = None,
@@ -75,6 +76,7 @@ def sweep(
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
     given = {"sbr": sbr != SBRS, "snr": snr != SNRS, "samples": light.samples, "model": light.model}
+    given["hidden"] = session.hidden != [PATCHES]
     for name in (*session.definitions, *(name for name, value in given.items() if value)):
         if name in axes:
             raise ps.PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")

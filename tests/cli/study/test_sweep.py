@@ -176,7 +176,7 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
         assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
         assert results.background.values.tolist() == ["none"]
     both = succeeds(*study, "--snr", "60,90", "--seeds", "2", "--out", "out")
-    assert "\nto make: 4 photographs\n" in both
+    assert "\nto make: 4 photographs, " in both
 
 
 @pytest.mark.usefixtures("jit")
@@ -329,7 +329,7 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"vary": "samples=4"}, "--vary samples"),
         ({"vary": "resolution=21"}, "--vary resolution"),
         ({"vary": "assumed.resolution=42"}, "42"),
-        ({"vary": "hidden=0x5"}, "0x5"),
+        ({"vary": "hidden=4x5,8x10"}, "--vary hidden: an option gives hidden, too"),
         ({"vary": "assumed.plate_width=-0.06,0.06"}, "--vary assumed.plate_width=-0.06"),
         ({"vary": "model=foo"}, "foo"),
         ({"vary": "truncated-svd.tv_weight=abc"}, "abc"),
@@ -339,6 +339,7 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"ambient": "none"}, "--ambient none"),
         ({"ambient": "none,left.exr"}, "none alone"),
         ({"snr": "loud"}, "--snr loud"),
+        ({"seeds": "many"}, "'--seeds': write a whole number"),
     ],
 )
 def test_bad_input_is_one_line(changes, offender, refused):
@@ -357,6 +358,11 @@ def test_bad_input_is_one_line(changes, offender, refused):
 def test_study_file_is_refused_as_the_command_line(entry, option, refused, folder):
     (folder / "study.yaml").write_text(entry)
     assert refused(*command(), "--study", "study.yaml") == refused(*command(), *option)
+
+
+def test_a_study_files_truth_values_are_named(refused, folder):
+    (folder / "study.yaml").write_text("flips: maybe")
+    assert "'--flips': write true or false" in refused(*command(), "--study", "study.yaml")
 
 
 KILLED = """
