@@ -45,7 +45,7 @@ _VARY = (
 )
 _PHOTOGRAPH = "A photograph without ambient light; needs --truth."
 _TRUTH = "The hidden image of --photograph; of several surfaces of each."
-_IMAGES = "Hidden images whose photographs are path traced, by comma; or a folder."
+_IMAGES = "Hidden images whose photographs are rendered, by comma; or a folder."
 _RATIOS = "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
 _AMBIENT = "Places, by comma: all, adversarial, shipped conditions, EXR files or folders; or none."
 _METHODS = "Methods by comma; yours as module:callable or file.py:callable."
@@ -135,7 +135,7 @@ def sweep(
         "algorithm": {name: source_sha256(name) or "built in" for name in names},
         "image": {
             name: {
-                "photograph": "path traced" if wall is None else array_sha256(wall.values),
+                "photograph": "rendered" if wall is None else array_sha256(wall.values),
                 "truth": sha256_of(map(ps.find_image, pictures.values())),
             }
             for name, pictures in shown.items()

@@ -70,7 +70,7 @@ class Worlds:
     light: Light  # modelled, where no axis changes it
     out: Path
     shown: Mapping[str, Mapping[str, str]]  # hidden images: each surface's picture, by id
-    photographs: Mapping[str, Photograph]  # those given, by the same names; others are path traced
+    photographs: Mapping[str, Photograph]  # those given, by the same names; others are rendered
     ambient: Mapping[str, Array | None]  # None: a shipped condition, which is path traced
     flips: bool  # whether each ambient light is also flipped about each axis
     methods: Sequence[str]
