@@ -356,7 +356,7 @@ def _caption(parts: "Sequence[xr.Dataset]") -> str:
     }
     failed = "".join(f"; {count} of {name} failed" for name, count in left_out.items() if count)
     number = counted(parts)
-    what = "single values" if number == "1" else f"means, 95 % confidence intervals, n = {number}"
+    what = "single values" if number == "1" else f"means, 95 % confidence intervals over {number}"
     return f"{what}{failed}"
 
 

@@ -51,7 +51,7 @@ def test_each_panel_shows_means_and_confidence_intervals_of_each_method(tmp_path
             interval = stats.t.interval(0.95, 4, own[:, 0].mean(), stats.sem(own[:, 0]))
             np.testing.assert_allclose([first.min(), first.max()], interval)
     assert covers(pixels, 255 * np.array(to_rgb(OKABE_ITO[0]))).sum() > 500
-    assert "n = 5 places" in saved[0].get_supxlabel()
+    assert "over 5 places" in saved[0].get_supxlabel()
 
 
 def test_panels_a_hundred_times_apart_show_their_lines(tmp_path, saved):

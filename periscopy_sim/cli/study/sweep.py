@@ -32,7 +32,7 @@ _VARY = (
 )
 _PHOTOGRAPH = "A photograph without ambient light; needs --truth."
 _TRUTH = "The hidden image of --photograph; of several surfaces of each."
-_IMAGES = "Hidden images whose photographs are path traced, by comma; or a folder."
+_IMAGES = "Hidden images whose photographs are rendered, by comma; or a folder."
 _RATIOS = "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
 _AMBIENT = "Places, by comma: all, adversarial, shipped conditions, EXR files or folders; or none."
 _METHODS = "Methods by comma; yours as module:callable or file.py:callable."
