@@ -15,7 +15,6 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters
-from periscopy_sim.evaluation import calibrating
 from periscopy_sim.evaluation.world import World
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.transport import plan as planning
@@ -176,7 +175,7 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
         assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
         assert results.background.values.tolist() == ["none"]
     both = succeeds(*study, "--snr", "60,90", "--seeds", "2", "--out", "out")
-    assert "\nto make: 4 photographs, " in both
+    assert "\nto make: 4 photographs, 8 matrices\n" in both
 
 
 @pytest.mark.usefixtures("jit")
@@ -256,17 +255,15 @@ def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
 def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
     """By one that finds the truth: a real one of 13 numbers takes a minute."""
 
-    def finds(_photograph, scene, _hidden, **_):
-        asked.append({name: float(scene.document.values[name]) for name in true})
+    def finds(scenario, _photograph, **_):
+        asked.append({name: float(scenario.document.values[name]) for name in true})
         numbers = [SimpleNamespace(name=n, value=v, standard_error=1e-3) for n, v in true.items()]
-        return SimpleNamespace(
-            values=true, parameters=numbers, trusted=False, scene_covariance=None
-        )
+        return SimpleNamespace(scenario=scenario.at(**true), parameters=numbers, trusted=False)
 
     errors = free_parameters(read_document(ps.find_scene("plate")))
     true = {n: float(read_document(ps.find_scene("plate")).values[n]) for n in errors}
     asked = []
-    monkeypatch.setattr(calibrating, "calibrate", finds)
+    monkeypatch.setattr(ps.Scenario, "calibrate", finds)
     study = (
         "sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--hidden-image", "bars",
         "--sbr", "5", "--ambient", "left.exr", "--no-flips", "--out", "out",
