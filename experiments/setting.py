@@ -128,7 +128,7 @@ class Setting(FittedScene):
         def render() -> Array:
             return ps.render_photograph(self.scenario, truth, seed=self.seed)
 
-        return Measured(self.kept(self.image, "chair", render), truth, "path-traced")
+        return Measured(self.kept(self.image, "chair", render), truth, "rendered")
 
     def identity(self) -> bytes:
         """Return the real photograph's bytes; one that cannot be read is a PhotographError."""

@@ -194,9 +194,7 @@ def sweep(
         "algorithm": {name: source_sha256(each) or "built in" for name, each in named.items()},
         "image": {
             name: {
-                "photograph": "path traced"
-                if photograph is None
-                else array_sha256(photograph.values),
+                "photograph": "rendered" if photograph is None else array_sha256(photograph.values),
                 "truth": sha256_of(map(find_image, pictures.values())),
             }
             for name, pictures in shown.items()

@@ -297,8 +297,8 @@ def test_an_infinite_ratio_is_a_photograph_without_ambient_light(tmp_path):
     [
         ({"methods": {}}, "methods"),
         ({"seeds": [1, 1]}, "seed"),
-        ({"sbrs": [1, 0]}, "SBR"),
-        ({"snrs": [np.inf]}, "SNR"),
+        ({"sbrs": [1, 0]}, "sbrs"),
+        ({"snrs": [np.inf]}, "snrs"),
         ({"backgrounds": {"lamp": SIGNAL[1:]}}, "lamp'"),
         ({"signals": {"p": SIGNAL * np.nan}}, "p"),
         ({"truths": {"q": TRUTH}}, "q"),
@@ -378,7 +378,7 @@ def test_worlds_vary_and_are_made_only_for_missing_cells(tmp_path):
     class Made:
         """Worlds of flat images, as bright and of the size as asked for."""
 
-        like = world_of(methods={"flat": None})
+        like = world_of(methods={"flat": Flat(None)})
         axes, hidden, channels = like.axes, like.hidden, 3
         conditions, conditions_of, measures = {}, {}, {}
 
