@@ -13,8 +13,8 @@ import numpy as np
 import periscopy_sim as ps
 
 # %%
-# The field of view moves over the wall; chair and monitor stay. ``design`` computes the bound's mean
-# over patches, for noise of 60 dB and ambient light twice as strong as a white screen's.
+# The field of view moves over the wall; chair and monitor stay. ``design`` computes the bound's
+# mean over patches, for noise of 60 dB and ambient light twice as strong as a white screen's.
 
 scene = ps.load_scenario("chair", (8, 10), {"resolution": 32})
 ends = {"camera_dx": (-0.2, 0.2), "camera_dz": (-0.24, 0.16)}

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-import periscopy_sim as ps
 from experiments.setting import kept
 from experiments.studies.wrong_scenes.subjects import SEED, Photographed, Subject
 from experiments.worlds.making import bitmap, renderings
