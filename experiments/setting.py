@@ -133,7 +133,7 @@ class Setting(FittedScene):
         def render() -> Array:
             return self.scenario.photograph(truth).values
 
-        return Measured(self.kept(self.image, "chair", render), truth, "path-traced")
+        return Measured(self.kept(self.image, "chair", render), truth, "rendered")
 
     def identity(self) -> bytes:
         """Return the real photograph's bytes; one that cannot be read is a PhotographError."""

@@ -154,6 +154,13 @@ def fit_method(
     ValueError that one of `METHODS` cannot be fitted.
     """
     entry = find_method(name)
+    known = {each.name: each for each in getattr(entry, "options", ())}
+    for option, value in options.items():
+        if option not in known:
+            raise PeriscopyError(f"{label_of(name)} has no option '{option}': {', '.join(known)}")
+        if not known[option].least <= value <= known[option].most:
+            limits = f"{known[option].least:g} to {known[option].most:g}"
+            raise PeriscopyError(f"{option} {value}: {label_of(name)} takes {limits}")
     with threadpool_limits(1):
         return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)
 

@@ -14,6 +14,7 @@ from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.memo import Memo
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
@@ -70,6 +71,16 @@ class Light:
     matrix: "NDArray[Any] | BouncedTransport | None" = None
     record: Mapping[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if self.by not in (None, "areas", "rays"):
+            raise PeriscopyError(
+                f"by '{self.by}': light comes by areas or by rays, or None chooses"
+            )
+        if self.samples is not None:
+            checked("samples", self.samples, "rays")
+        if self.bounces is not None:
+            checked("bounces", self.bounces, "samples")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scenario(Geometry):
@@ -116,7 +127,10 @@ class Scenario(Geometry):
         from periscopy_sim.analytic.point_light import point_light_backgrounds
 
         def make() -> Any:
-            eq4 = partial(point_light_backgrounds, self)
+            eq4, pixels = partial(point_light_backgrounds, self), self.transport_shape[0]
+            for own in self.light.ambient:
+                if own is not None and own.shape[:1] != (pixels,):
+                    raise PeriscopyError(f"B has shape {own.shape}; give it {pixels} rows")
             return np.hstack([eq4() if B is None else B for B in self.light.ambient])
 
         return self.memo(
@@ -208,8 +222,13 @@ class Scenario(Geometry):
 
         by_id = names if isinstance(names, Mapping) else dict.fromkeys(self.hidden, str(names))
         shapes = self.hidden.shapes.items()
-        images = {n: read_hidden_image(find_image(by_id[n]), shape) for n, shape in shapes}
-        return self.hidden.unwrapped(images)
+        files = {name: (find_image(by_id[name]), shape) for name, shape in shapes}
+
+        def make() -> Any:
+            return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
+
+        changed = [file.stat().st_mtime_ns for file, _ in files.values()]
+        return self.memo(("image", *files.items(), *changed), make)
 
     def ambient(
         self, name: str | Path, *, target: float = TARGET, progress: Any = None
@@ -283,6 +302,9 @@ class Scenario(Geometry):
 
         if (ambient is None) != (sbr is None):
             raise PeriscopyError("ambient light and an SBR go together; give both or neither")
+        for name, value, kind in (("snr", snr, "decibels"), ("sbr", sbr, "ratio")):
+            if value is not None:
+                checked(name, value, kind)
         mixed = np.asarray if colour_matrix is None else colour_matrix.mix
         light = None if ambient is None else self.ambient(ambient, target=target)
         purpose = SNR if snr is None else snr

@@ -28,9 +28,9 @@ print(scene.A.shape, scene.B.shape)
 # %%
 # The photograph
 # --------------
-# The photograph is path traced, with all bounces, so :math:`A` does not make it. The sky is one of
-# ten places that ship. ``sbr`` is the monitor's light over the sky's, ``snr`` the photograph over
-# its noise, in dB.
+# The photograph has finer shadows than :math:`A`, and light that bounces. The sky is one of ten
+# places that ship. ``sbr`` is the monitor's light over the sky's, ``snr`` the photograph over its
+# noise, in dB.
 
 truth = scene.image("mushroom")
 photograph = scene.photograph(truth, ambient="overcast", sbr=0.5, snr=60, target=3e-3)

@@ -55,7 +55,7 @@ class CalibrationSession(PhotoSession):
 
     def read(self) -> dict[str, Any]:
         """Return arguments of `calibrate` and of `recover_silhouette`."""
-        self.check_scene()
+        self.warn_of(self.scenario.check(), but=("shadows",))  # which a calibration may mend
         wall = self.wall(self.photo[0])
         others = [self.photograph(file, wall.mask) for file in self.photo[1:]]
         several = len(self.scenario.hidden) > 1

@@ -55,7 +55,7 @@ def demo(
         psnr, registered = (part.numbers[name] for name in ("psnr", "psnr_registered"))
         rows.append([method, f"{psnr:.2f} dB", f"{registered:.2f} dB"])
         matched = ps.gain_matched(np.load(out / method / "reconstruction.npy"), truth)
-        pictures.append((f"{title}: {psnr:.1f} dB", matched))
+        pictures.append((f"{title}\n{psnr:.1f} dB", matched))
     with output.output_files(out / "demo.png") as (file,):
         caption = "chair scene, SBR 0.5; PSNR after one gain per channel"
         panels.draw_panels(file, pictures, caption=caption, metadata=scene.metadata)

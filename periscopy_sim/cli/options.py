@@ -388,13 +388,11 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
 
 
 def parse_indices(text: str, count: int) -> list[int]:
-    """Read indices and ranges of them, such as ``0,4-7``; ranges end below `count`."""
-    indices: list[int] = []
+    """Read indices below `count` and ranges of them, such as ``0,4-7``."""
     form = r"\s*([0-9]{1,12})(?:-([0-9]{1,12}))?\s*"
     parts = [re.fullmatch(form, each) for each in text.split(",")]
-    for part in filter(None, parts):
-        first = int(part[1])
-        indices += range(first, min(int(part[2]) + 1, count)) if part[2] else [first]
-    if not (indices and all(parts)):
-        raise PeriscopyError(f"'{text}': write numbers and ranges of {count} samples, as 0,5,8-11")
-    return list(dict.fromkeys(indices))
+    ends = [(int(part[1]), int(part[2] or part[1])) for part in filter(None, parts)]
+    if not all(parts) or not all(first <= last < count for first, last in ends):
+        form = f"numbers and ranges of 0 to {count - 1}, as 0,5,8-11"
+        raise PeriscopyError(f"--samples '{text}': write {form}")
+    return list(dict.fromkeys(index for first, last in ends for index in range(first, last + 1)))

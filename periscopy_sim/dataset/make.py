@@ -26,7 +26,7 @@ from periscopy_sim.dataset.samples import (
 )
 from periscopy_sim.errors import ConfigurationError, OutputError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
-from periscopy_sim.numerics.machine import ahead, timed
+from periscopy_sim.numerics.machine import ahead, core_count, timed
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
@@ -158,10 +158,12 @@ def make_dataset(
             flat = settings, layout.photograph_shape, backgrounds_of(settings, first, out / MAKING)
             number, (block, *_) = next(iter(shares.items()))
             of_geometry, begun[number] = timed(partial(_geometry, flat, number))
-            of_block, (_, values) = timed(partial(_block, flat, (begun[number], block)))
+            together = [(begun[number], block)] * core_count()  # as many as run at once
+            of_all, tried = timed(lambda: [*ahead(partial(_block, flat), together)])
             with TemporaryDirectory() as folder:
                 trial = BlockStore(Path(folder), store.layout, attributes, labels)
-                of_block += timed(partial(trial.write, (block,), values))[0]
+                of_block = timed(partial(trial.write, (block,), tried[0][1]))[0]
+            of_block += of_all / len(together)
             estimated((len(shares) - 1) * of_geometry + blocks * of_block)
         backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
         shared = settings, layout.photograph_shape, backgrounds

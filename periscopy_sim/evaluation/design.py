@@ -24,6 +24,7 @@ from periscopy_sim.evaluation.video_metrics import write_table
 from periscopy_sim.measurement import noise_level, noise_to_signal
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.rendering.transport.bounced import channels_mean
@@ -166,6 +167,15 @@ def design(
             )
     if not 0 < len(vary) < 3:
         raise PeriscopyError("vary: name one or two parameters")
+    for name, value, kind in (
+        ("snr", snr, "decibels"),
+        ("sbr", sbr, "sbr"),
+        ("grid", grid, "grid"),
+    ):
+        checked(name, value, kind)
+    for name, ends in vary.items():
+        if len(checked(f"vary {name}", ends, "parameter")) != 2:
+            raise PeriscopyError(f"vary {name}: give the two ends of its range")
     base = replace(scenario, light=replace(scenario.light, strata="gauss"))
     start = start_values(scenario.document, list(vary))
     points = [dict(zip(vary, map(as_text, start), strict=True)), *grid_of(vary, grid)]

@@ -20,7 +20,7 @@ from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.numerics.limits import RANGES, in_range
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
@@ -68,8 +68,8 @@ def sweep(
     methods: Iterable[Name] | Mapping[str, Name] = COMPARED,
     ambient: Iterable[str | Path] | Mapping[str, Image] = PLACES,
     flips: bool = False,
-    sbr: Iterable[float] = SBRS,
-    snr: Iterable[float] = SNRS,
+    sbr: float | Iterable[float] = SBRS,
+    snr: float | Iterable[float] = SNRS,
     seeds: int = 1,
     vary: Mapping[str, Iterable[Any]] | None = None,
     photograph: Photograph | None = None,
@@ -146,10 +146,8 @@ def sweep(
     require_all(*SWEEP, *libraries_of(*map(label_of, named.values())))
     for method in named.values():
         find_method(method)
-    axes: dict[str, list[Any]] = {
-        name: [float(each) if isinstance(each, Real) else each for each in values]
-        for name, values in (vary or {}).items()
-    }
+    checked("seeds", seeds, "count")
+    axes = {name: _listed(values) for name, values in (vary or {}).items()}
     own = (
         {n: np.asarray(b, float) for n, b in ambient.items()}
         if isinstance(ambient, Mapping)
@@ -157,12 +155,12 @@ def sweep(
     )
     lights = dict.fromkeys(own) if isinstance(ambient, Mapping) else conditions_of(ambient)
     is_dark = DARK in lights
-    of = {name: f"vary {name}" if name in axes else name for name in ("sbr", "snr")}
+    of = {name: f"vary {name}=" if name in axes else name for name in ("sbr", "snr")}
     if is_dark and "sbr" in axes:
         raise PeriscopyError(f"vary sbr: ambient {DARK} has no SBR; leave one of them out")
-    ratios = axes.pop("sbr", [*sbr])
-    ratios = [math.inf] if is_dark else _numbers("ratio", of["sbr"], ratios)
-    decibels = _numbers("decibels", of["snr"], axes.pop("snr", [*snr]))
+    ratios = axes.pop("sbr", sbr)
+    ratios = [math.inf] if is_dark else checked(of["sbr"], ratios, "ratio")
+    decibels = checked(of["snr"], axes.pop("snr", snr), "decibels")
     check_scheduler(scheduler)
     for file in filter(None, lights.values()):
         format_of(file)
@@ -196,9 +194,7 @@ def sweep(
         "algorithm": {name: source_sha256(each) or "built in" for name, each in named.items()},
         "image": {
             name: {
-                "photograph": "path traced"
-                if photograph is None
-                else array_sha256(photograph.values),
+                "photograph": "rendered" if photograph is None else array_sha256(photograph.values),
                 "truth": sha256_of(map(find_image, pictures.values())),
             }
             for name, pictures in shown.items()
@@ -231,10 +227,16 @@ def sweep(
         with watcher.progress("sweeping") as report:
             results = run_sweep(
                 whole, out, scheduler=scheduler, progress=report, timed=watcher.took,
-                planned=lambda missing: watcher.begin(worlds, whole.axes, missing),
+                planned=lambda missing: watcher.begin(whole, missing),
             )  # fmt: skip
     watcher.note(_notes(scenario, results, worlds, by_default=not (light.by or light.samples)))
     return results
+
+
+def _listed(values: Any) -> list[Any]:
+    """Return the values of an axis, of which there may be one alone."""
+    is_several = isinstance(values, Iterable) and not isinstance(values, str)
+    return [float(v) if isinstance(v, Real) else v for v in (values if is_several else [values])]
 
 
 def _named_methods(
@@ -295,15 +297,6 @@ def conditions_of(entries: Iterable[str | Path]) -> dict[str, Path | None]:
             )
         lights |= added
     return lights
-
-
-def _numbers(kind: str, name: str, values: Sequence[Any]) -> list[float]:
-    """Return the values of an axis, if they are numbers of a kind."""
-    for each in values:
-        if not (isinstance(each, float | int | np.number) and in_range(kind, float(each))):
-            limits = "{:g} to {:g}".format(*RANGES[kind])
-            raise PeriscopyError(f"{name} {each}: write numbers from {limits}, without units")
-    return [float(each) for each in values]
 
 
 def _notes(

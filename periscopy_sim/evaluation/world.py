@@ -12,6 +12,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.measurement import add_noise, composite, composite_error
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.scene import MONITOR
@@ -65,6 +66,16 @@ class World:
 
     def __post_init__(self) -> None:
         """Fit the methods to all of the photographs; reject what no sweep can have."""
+        for name in ("signals", "truths", "backgrounds", "methods"):
+            if not isinstance(given := getattr(self, name), Mapping):
+                kind = type(given).__name__
+                raise PeriscopyError(f"{name} of the sweep are of type {kind}: give a dictionary")
+        for name, method in self.methods.items():
+            if isinstance(method, type) or not callable(getattr(method, "reconstruct", None)):
+                raise PeriscopyError(
+                    f"method '{name}' is {method!r}: give an object with reconstruct(photograph), "
+                    "such as ps.NoiseAware.for_scene(scene, A, B)"
+                )
         if self.signals.keys() != self.truths.keys():
             raise PeriscopyError(
                 f"photographs of {', '.join(self.signals)}, but hidden images "
@@ -73,6 +84,9 @@ class World:
         for name in ("signals", "backgrounds", "methods"):
             if not getattr(self, name):
                 raise PeriscopyError(f"{name} of the sweep: give at least one")
+        for image in self.truths:
+            for surface, truth in self.truth(image).items():
+                plain_array(truth, f"the hidden image '{image}' of '{surface}'")
         given = {**self.signals, **{f"ambient {n}": b for n, b in self.backgrounds.items()}}
         photographs = of_one_wall([*given.values()], names=given)
         signals, ambient = photographs[: len(self.signals)], photographs[len(self.signals) :]

@@ -72,13 +72,8 @@ class Watcher:
 
     progress: Progress = staticmethod(silent)
 
-    def begin(
-        self,
-        worlds: "Worlds",
-        axes: Mapping[str, Sequence[Any]],
-        missing: Sequence[Mapping[str, Any]],
-    ) -> None:
-        """Follow a sweep from its begin: axes, and cells that are missing."""
+    def begin(self, sweep: Any, missing: Sequence[Mapping[str, Any]]) -> None:
+        """Follow a `Sweep` of `Worlds` from its begin, with the cells that are missing."""
 
     def timed(
         self, part: str, make: Callable[Given, Made], *given: Given.args, **named: Given.kwargs
@@ -99,8 +94,7 @@ class Watcher:
     def note(self, notes: "Sequence[Note | str]") -> None:
         """Follow notes on a scene, or lines; this one warns of them."""
         for each in notes:
-            line = each if isinstance(each, str) else f"{each.code}: {dict(each.values)}"
-            warnings.warn(line, RuntimeWarning, stacklevel=3)
+            warnings.warn(str(each), RuntimeWarning, stacklevel=3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,14 @@ import errno
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
+from periscopy_sim.numerics.validation import InputError, checked_number
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -57,6 +58,21 @@ RANGES: Mapping[str, tuple[float, float]] = {
 def in_range(kind: str, *values: float) -> bool:
     """Return whether numbers of a kind are in its range."""
     return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
+
+
+def checked(name: str, values: Any, kind: str) -> list[float]:
+    """Return numbers that a user gives, one or several, if they are of a kind in `RANGES`.
+
+    A PeriscopyError names them as the user does.
+    """
+    is_list, numbers = isinstance(values, Iterable) and not isinstance(values, str), list[float]()
+    for each in values if is_list else [values]:
+        try:
+            numbers.append(checked_number(each, name, *RANGES[kind]))
+        except InputError as error:
+            named = f"{name}{each}" if name.endswith("=") else f"{name} {each}"
+            raise PeriscopyError(f"{named}: {str(error).partition(': ')[2]}") from error
+    return numbers
 
 
 def number_of(text: str) -> float:

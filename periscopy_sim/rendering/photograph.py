@@ -25,7 +25,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.ambient.background import DIRECT_SAMPLES, RAY, Part, refined
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
 from periscopy_sim.rendering.scene.load import build_scene
@@ -169,15 +169,16 @@ def rendering_of(
 ) -> Rendering:
     """Return the photograph of `render_photograph`, which has the parameters, and its error."""
     require_vectorized("a photograph")
+    checked_scene(scenario)
     images = scenario.hidden.images(image)
     for each in images.values():
         is_image = each.ndim == 3 and each.shape[2] == 3 and each.size > 0
         if not (is_image and 0 <= each.min() <= each.max() < np.inf):
             raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
-    if (samples is not None and samples < 1) or (bounces is not None and bounces < 1):
-        raise InputError("samples and bounces must be at least 1")
-    if not np.isfinite(snr):
-        raise InputError(f"the signal-to-noise ratio must be finite, not {snr} dB")
+    for name, number in (("samples", samples), ("bounces", bounces)):
+        if number is not None:
+            checked_number(number, name, 1, whole=True)
+    snr, seed = checked_number(snr, "snr"), int(checked_number(seed, "seed", 0, whole=True))
     report, target = progress or (lambda _: None), allowed_error(snr)
     scene = scenario.scene
     # Pictures have the film's pixels.

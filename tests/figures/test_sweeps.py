@@ -51,7 +51,7 @@ def test_each_panel_shows_means_and_confidence_intervals_of_each_method(tmp_path
             interval = stats.t.interval(0.95, 4, own[:, 0].mean(), stats.sem(own[:, 0]))
             np.testing.assert_allclose([first.min(), first.max()], interval)
     assert covers(pixels, 255 * np.array(to_rgb(OKABE_ITO[0]))).sum() > 500
-    assert "n = 5 places" in saved[0].get_supxlabel()
+    assert "over 5 places" in saved[0].get_supxlabel()
 
 
 def test_panels_a_hundred_times_apart_show_their_lines(tmp_path, saved):
@@ -68,7 +68,8 @@ def test_panels_a_hundred_times_apart_show_their_lines(tmp_path, saved):
 def test_any_axis_is_drawn_over_and_what_is_held_is_said(tmp_path, saved):
     metric = "mean_squared_error"
     draw_sweep(tmp_path / "a.pdf", results(), metric=metric, over="hidden", panels="background")
-    assert len(saved[0].axes) == 5
+    *panels, legend = saved[0].axes  # in the place of a sixth
+    assert len(panels) == 5 and legend.get_legend() and not saved[0].legends
     assert [tick.get_text() for tick in saved[0].axes[0].get_xticklabels()] == SIZES
     assert "SBR = 0.1" in saved[0].get_supxlabel()
     with pytest.raises(PeriscopyError, match="sbr"):

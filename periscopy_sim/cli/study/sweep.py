@@ -19,6 +19,8 @@ from periscopy_sim.cli.study.axes import parse_axes, parse_values
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
+from periscopy_sim.reconstruction.registry import libraries_of
+from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
@@ -30,17 +32,18 @@ _VARY = (
 )
 _PHOTOGRAPH = "A photograph without ambient light; needs --truth."
 _TRUTH = "The hidden image of --photograph; of several surfaces of each."
-_IMAGES = "Hidden images whose photographs are path traced, by comma; or a folder."
+_IMAGES = "Hidden images whose photographs are rendered, by comma; or a folder."
 _RATIOS = "Signal-to-background ratios: 0.1,1,10 or 0.1:10:log:9."
 _AMBIENT = "Places, by comma: all, adversarial, shipped conditions, EXR files or folders; or none."
 _METHODS = "Methods by comma; yours as module:callable or file.py:callable."
 _SEEDS = "Noise draws for each background and SBR."
 _SNRS = "Signal-to-noise ratios of Gaussian noise: 40,60 or 40:80:5; the signal includes light."
 SBRS, SNRS, PLACES = "0.1,1,10", "60", "overcast,low_sun,ceiling_panels"
+PATCHES = "29x36"
 
 
 def sweep(
-    session: Annotated[WallSession, {"hidden": ["29x36"]}],
+    session: Annotated[WallSession, {"hidden": [PATCHES]}],
     light: LightOptions,
     out: options.Store,
     vary: Annotated[list[str] | None, option("NAME=VALUES", _VARY)] = None,
@@ -64,21 +67,24 @@ def sweep(
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
     from periscopy_sim.cli.study.sweep_forecast import SweepForecast
-    from periscopy_sim.evaluation.study import DARK
+    from periscopy_sim.evaluation.study import DARK, conditions_of
     from periscopy_sim.evaluation.workers import thread_count
 
     names = options.parse_list("--methods", methods)
-    require_all(*SWEEP)
+    require_all(*SWEEP, *libraries_of(*names))
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
     given = {"sbr": sbr != SBRS, "snr": snr != SNRS, "samples": light.samples, "model": light.model}
+    given["hidden"] = session.hidden != [PATCHES]
     for name in (*session.definitions, *(name for name, value in given.items() if value)):
         if name in axes:
             raise ps.PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
     places = options.parse_list("--ambient", ambient)
     if places == [DARK] and given["sbr"]:
         raise ps.PeriscopyError(f"--sbr: --ambient {DARK} has no SBR; leave one of them out")
+    for file in filter(None, conditions_of(places).values()):
+        format_of(file)  # before the scene is loaded
     if "hidden" in axes:
         session = replace(session, hidden=[str(axes["hidden"][0])])
     light.check_methods(*names)

@@ -14,7 +14,7 @@ from periscopy_sim.cli.session import Session
 from periscopy_sim.cli.study.forecast import counted, show_parts, show_time
 from periscopy_sim.errors import SceneError
 from periscopy_sim.evaluation.world import flipped_names
-from periscopy_sim.evaluation.worlds import Watcher, WorldParts, Worlds
+from periscopy_sim.evaluation.worlds import Watcher, WorldParts
 from periscopy_sim.numerics.machine import LONG
 
 if TYPE_CHECKING:
@@ -30,11 +30,11 @@ LIGHT_COST = {
 """Processor time of ambient conditions over that of overcast, of the others 1: on the chair's wall
 of 126 x 126 pixels, where overcast takes 6.6 s. That of window_right follows from five rounds."""
 
-AXES = {"algorithm": "method", "background": "place", "sbr": "SBR", "snr": "SNR"}
-"""Axes of a sweep in words."""
-
-OF_PHOTOGRAPHS = "algorithm", "image", "background", "sbr", "snr", "seed"
-"""Axes that every sweep has."""
+AXES = {
+    "algorithm": "method", "image": "image", "background": "place", "sbr": "SBR", "snr": "SNR",
+    "seed": "seed",
+}  # fmt: skip
+"""Axes that every sweep has, in words."""
 
 SCENES = 8
 """Scenes that are loaded before a sweep starts."""
@@ -56,25 +56,22 @@ class SweepForecast(Watcher):
     first: dict[str, Mapping[str, Any]] = field(default_factory=dict)  # missing cell of a method
     rate: float = 0.0  # seconds of ambient light whose `LIGHT_COST` is 1
     is_shown: bool = False  # whether the time is printed
+    _sweep: Any = field(init=False)
     _seconds: dict[str, list[float]] = field(default_factory=dict, init=False)
 
     progress = staticmethod(progress)
 
-    def begin(
-        self,
-        worlds: Worlds,
-        axes: Mapping[str, Sequence[Any]],
-        missing: Sequence[Mapping[str, Any]],
-    ) -> None:
+    def begin(self, sweep: Any, missing: Sequence[Mapping[str, Any]]) -> None:
         """Print the results as a product over the axes, and what those that are missing need.
 
         Of more than `SCENES` scenes, the first ones show which ambient light is rendered.
         """
+        self._sweep, worlds = sweep, sweep.world
         of_world = dict[tuple[Any, ...], int]()
         trials, fits = set[tuple[Any, ...]](), set[tuple[Any, ...]]()
         places, flips = dict[Path, Mapping[str, Any]](), len(flipped_names("", worlds.flips))
         for cell in missing:
-            values = {name: value for name, value in cell.items() if name not in OF_PHOTOGRAPHS}
+            values = {name: value for name, value in cell.items() if name not in AXES}
             if (key := (*values.values(), cell["snr"])) not in of_world:
                 of_world[key] = worlds.matrices(values)
                 places.setdefault(worlds.ambient_folder(values), values)
@@ -91,21 +88,15 @@ class SweepForecast(Watcher):
         for of_place in [*places.values()][:SCENES]:
             with suppress(SceneError):  # which fails alone
                 self.lights |= worlds.missing_lights(of_place)
-        sizes = {name: len(values) for name, values in axes.items()}
+        sizes = {name: len(values) for name, values in sweep.axes.items()}
         results = math.prod(sizes.values())
         record(missing=len(missing), results=results)
-        words = list[str]()
-        for name, size in sizes.items():
-            of_flips = flips if name == "background" else 1
-            noun = AXES.get(name, name)
-            if size > of_flips or name in ("algorithm", "image"):
-                is_known = name in OF_PHOTOGRAPHS
-                words.append(
-                    counted(size // of_flips, noun) if is_known else f"{size} values of {name}"
-                )
-            if of_flips > 1:
-                words.append(counted(flips, "flip"))
         if missing:
+            sizes["background"] //= flips
+            words = [
+                counted(size, AXES[name]) if name in AXES else f"{size} values of {name}"
+                for name, size in sizes.items() if size > 1 or name in ("algorithm", "image")
+            ] + [counted(flips, "flip")] * (flips > 1)  # fmt: skip
             left = f"{len(missing):,} of " if len(missing) < results else ""
             say(f"{left}{counted(results, 'result')}: {' x '.join(words)}")
             show_parts(
@@ -147,7 +138,7 @@ class SweepForecast(Watcher):
         if self._seconds["fit"][-1] < LONG:  # without what the first one compiles
             self.timed("fit", world.fit)
         even = world.evenly_lit({cell["background"] for cell in self.first.values()})
-        seconds = {name: cell_seconds(even, cell) for name, cell in self.first.items()}
+        seconds, writing = cell_seconds(self._sweep, even, self.first)
         if missing := [file for file in world.lights if file in self.lights]:
             file = min(missing, key=lambda each: LIGHT_COST.get(self.lights[each], 1.0))
             name = self.lights.pop(file)
@@ -160,7 +151,7 @@ class SweepForecast(Watcher):
             + self.rate * sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
             + max(matrices) * sum(self.matrices.values())
             + of_fit * (self.fits - 1)
-            + sum(self.cells[name] * each for name, each in seconds.items()) / self.threads,
+            + sum(self.cells[n] * (each / self.threads + writing) for n, each in seconds.items()),
             *([counted(self.calibrations, "calibration")] if self.calibrations else []),
         )
         self.is_shown = True

@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.validation import checked_number
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.scene.checks import check_media
 from periscopy_sim.rendering.scene.nodes import SceneNodes
@@ -183,7 +184,7 @@ def refined(
     Return the light, (M, 3), and its errors: `relative_errors`, or what `errors_of` makes of the
     same arguments. The root of their squares' sum is what the target bounds.
     """
-    errors_of = errors_of or relative_errors
+    errors_of, target = errors_of or relative_errors, checked_number(target, "target", 0)
     for part in parts:
         part.add_round(seeds)
     work = np.array([part.work for part in parts])

@@ -5,7 +5,6 @@ and column, of the powers that err least, times `View.paint`; over the patches i
 So to the transport matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 """
 
-import operator
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import InputError, checked_matrix
+from periscopy_sim.numerics.validation import InputError, checked_matrix, checked_number
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.scene.wall import camera_of, shape_of
@@ -161,8 +160,9 @@ def render_bounced_light(
         The target was not reached: the light is too noisy, or not smooth over the wall, as that by
         way of a mirror.
     """
-    if bounces is not None and operator.index(bounces) <= DIRECT:
-        raise InputError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
+    if bounces is not None:
+        checked_number(bounces, "bounces", DIRECT + 1, whole=True)
+    checked_number(target, "target", 0)
     require_vectorized("light that bounces")
     if clear := scenario.scene.transparent:
         raise SceneError(

@@ -8,7 +8,7 @@ computations of a few rows measure either.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.shadow_rays import (
     RenderedTransport,
@@ -121,9 +121,11 @@ def planned(
     Errors and other parameters are those of `transport`; the seed is of the rays that measure the
     error.
     """
-    if not noise >= 0:
-        raise InputError(f"the noise is {noise}; give a number from 0 on")
-    noise = max(noise, PRECISION)
+    checked_scene(scenario)
+    if by not in (None, *get_args(By)):
+        raise InputError(f"by is {by!r}: give one of {', '.join(get_args(By))}, or None")
+    noise = max(checked_number(noise, "noise", 0, np.inf), PRECISION)
+    seed = int(checked_number(seed, "seed", 0, whole=True))
     if by == "areas":
         ways_to(scenario)
     if noise == np.inf:
@@ -316,11 +318,15 @@ def transport(
     VariantError
         If rays are needed in a scalar variant.
     """
-    if isinstance(seen, Geometry) == (hidden is not None):
-        raise TypeError("give a scenario, or a view and the hidden surfaces beside it")
-    if isinstance(seen, View):
-        assert hidden is not None
-        seen = Geometry(seen, hidden)
+    if bounces is not None:
+        checked_number(bounces, "bounces", DIRECT, whole=True)
+    if isinstance(seen, View) and hidden is not None:
+        seen, hidden = Geometry(seen, hidden), None
+    if hidden is not None or not isinstance(seen, Geometry):
+        raise InputError(
+            f"the scene is of type {type(seen).__name__}: give a scenario, which ps.load_scenario "
+            "returns, or a view and the hidden surfaces beside it"
+        )
     plan, A = planned(seen, noise, by=by, seed=seed)
     if plan.error > noise:
         remedy = "the camera or the hidden image fewer pixels"

@@ -2,12 +2,13 @@ import pytest
 
 from periscopy_sim.cli.study.axes import parse_axes, parse_values
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.study import _numbers, conditions_of
+from periscopy_sim.evaluation.study import conditions_of
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 
 def ratios_of(text):
-    return _numbers("ratio", "sbr", parse_values(text, "sbr"))
+    return checked("sbr", parse_values(text, "sbr"), "ratio")
 
 
 def test_axes_are_numbers_or_words_each_named_once():

@@ -15,7 +15,6 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters
-from periscopy_sim.evaluation import calibrating
 from periscopy_sim.evaluation.world import World
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.transport import plan as planning
@@ -149,7 +148,7 @@ def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(
     given = command("--flips", snr="40:60:3")
     shown = succeeds(*given)
     assert shown.startswith(
-        "96 results: 2 methods x 1 image x 2 places x 4 flips x 2 SBRs x 3 SNRs\n"
+        "96 results: 2 methods x 1 image x 2 places x 2 SBRs x 3 SNRs x 4 flips\n"
         "to make: 1 matrix\nabout "
     )
     more = json.loads(
@@ -176,7 +175,7 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
         assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
         assert results.background.values.tolist() == ["none"]
     both = succeeds(*study, "--snr", "60,90", "--seeds", "2", "--out", "out")
-    assert "\nto make: 4 photographs\n" in both
+    assert "\nto make: 4 photographs, 8 matrices\n" in both
 
 
 @pytest.mark.usefixtures("jit")
@@ -256,17 +255,15 @@ def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
 def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
     """By one that finds the truth: a real one of 13 numbers takes a minute."""
 
-    def finds(_photograph, scene, _hidden, **_):
-        asked.append({name: float(scene.document.values[name]) for name in true})
+    def finds(scenario, _photograph, **_):
+        asked.append({name: float(scenario.document.values[name]) for name in true})
         numbers = [SimpleNamespace(name=n, value=v, standard_error=1e-3) for n, v in true.items()]
-        return SimpleNamespace(
-            values=true, parameters=numbers, trusted=False, scene_covariance=None
-        )
+        return SimpleNamespace(scenario=scenario.at(**true), parameters=numbers, trusted=False)
 
     errors = free_parameters(read_document(ps.find_scene("plate")))
     true = {n: float(read_document(ps.find_scene("plate")).values[n]) for n in errors}
     asked = []
-    monkeypatch.setattr(calibrating, "calibrate", finds)
+    monkeypatch.setattr(ps.Scenario, "calibrate", finds)
     study = (
         "sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--hidden-image", "bars",
         "--sbr", "5", "--ambient", "left.exr", "--no-flips", "--out", "out",
@@ -321,15 +318,15 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"ambient": "left.exr,small.exr"}, "small.exr"),
         ({"scheduler": "nonsense://x"}, "'nonsense://x'"),
         ({"vary": "assumed=foo"}, "foo"),
-        ({"vary": "ruler=0,1"}, "--vary assumed"),
+        ({"vary": "ruler=0,1"}, "--vary ruler: also vary assumed"),
         ({"vary": "snrr=1"}, "did you mean 'snr'"),
-        ({"vary": "snr=loud"}, "--vary snr loud"),
+        ({"vary": "snr=loud"}, "--vary snr=loud"),
         ({"vary": "=1"}, "--vary '=1'"),
         ({"vary": "sbr=1"}, "--vary sbr"),
         ({"vary": "samples=4"}, "--vary samples"),
         ({"vary": "resolution=21"}, "--vary resolution"),
         ({"vary": "assumed.resolution=42"}, "42"),
-        ({"vary": "hidden=0x5"}, "0x5"),
+        ({"vary": "hidden=4x5,8x10"}, "--vary hidden: an option gives hidden, too"),
         ({"vary": "assumed.plate_width=-0.06,0.06"}, "--vary assumed.plate_width=-0.06"),
         ({"vary": "model=foo"}, "foo"),
         ({"vary": "truncated-svd.tv_weight=abc"}, "abc"),
@@ -337,8 +334,9 @@ def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
         ({"truth": "truth.npy,y.npy"}, "--truth"),
         ({"study": "nothing.yaml"}, "nothing.yaml"),
         ({"ambient": "none"}, "--ambient none"),
-        ({"ambient": "none,left.exr"}, "'none'"),
+        ({"ambient": "none,left.exr"}, "none alone"),
         ({"snr": "loud"}, "--snr loud"),
+        ({"seeds": "many"}, "'--seeds': write a whole number"),
     ],
 )
 def test_bad_input_is_one_line(changes, offender, refused):
@@ -357,6 +355,11 @@ def test_bad_input_is_one_line(changes, offender, refused):
 def test_study_file_is_refused_as_the_command_line(entry, option, refused, folder):
     (folder / "study.yaml").write_text(entry)
     assert refused(*command(), "--study", "study.yaml") == refused(*command(), *option)
+
+
+def test_a_study_files_truth_values_are_named(refused, folder):
+    (folder / "study.yaml").write_text("flips: maybe")
+    assert "'--flips': write true or false" in refused(*command(), "--study", "study.yaml")
 
 
 KILLED = """
@@ -420,7 +423,7 @@ def test_folder_of_another_sweep_is_refused_before_rendering(
 def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(periscopy, succeeds):
     outcome = periscopy(*command(methods="mine.py:Unfit"))
     assert outcome.code == 2 and "'mine.py:Unfit'" in outcome.err
-    outcome = periscopy(*command(methods="preconditioned", samples="4"))
+    outcome = periscopy(*command(methods="preconditioned", samples="4", out="grain"))
     assert outcome.code == 2 and "rank" in outcome.err
     succeeds(*command(methods="mine.py:Mine", sbr="2", snr=50, ambient="lamp.exr"))
 

@@ -69,7 +69,7 @@ def test_rays_take_no_surfaces_that_the_scene_has_elsewhere(shipped):
     moved = scene.hidden.moved({"monitor": np.eye(4) + 0.1 * np.eye(4, k=3)})
     with pytest.raises(ValueError, match="areas"):
         ps.transport(scene.view, moved, by="rays")
-    with pytest.raises(TypeError, match="beside"):
+    with pytest.raises(ValueError, match="beside"):
         ps.transport(scene, moved)
 
 
