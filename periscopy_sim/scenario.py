@@ -231,7 +231,7 @@ class Scenario(Geometry):
             return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
 
         changed = [file.stat().st_mtime_ns for file, _ in files.values()]
-        return self.memo(("image", *files.items(), *changed), make)
+        return self.memo(("image", *files.items(), *changed), make, 24 * self.hidden.patches)
 
     def ambient(
         self, name: str | Path, *, target: float = TARGET, progress: Any = None

@@ -10,6 +10,7 @@ from periscopy_sim.live.pictures import Overtaken, SizedLaboratory, coarse
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import load_scenario
 from periscopy_sim.storage.pictures import averaged_photograph
+from tests.live.conftest import plate
 from tests.scenes.room import Room
 
 
@@ -57,6 +58,15 @@ def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
     assert warning.code == "transport_error"
     assert warning.values["error"] > warning.values["noise"] == pytest.approx(0.01)
     assert report_sentences(report)
+
+
+def test_averages_to_come_need_a_finer_matrix_than_a_noisy_first_one(choice):
+    noise = 0.3 * np.random.default_rng(0).normal(size=(24, 24, 3))
+    scene, first = replace(plate(), light=ps.Light("rays")), Photograph(1 + noise)
+    assert scene.plan(scene.noise(first)) != scene.plan()
+    unknown = replace(choice, image="")
+    fitted = SizedLaboratory(scene, lambda: first, is_coarse=False).fit(unknown)
+    assert fitted.method.plan == scene.plan()
 
 
 COUNTED = """
@@ -134,7 +144,9 @@ def test_what_cannot_be_shown_is_reported(level, choice):
 
 @pytest.mark.parametrize("size", [(126, 126), (50, 200), (40, 40)])
 def test_coarse_sizes_keep_more_pixels_than_patches(size):
-    small = coarse(load_scenario("plate", (29, 36), photograph=size), used=0.3)
+    scene = load_scenario("plate", (29, 36), photograph=size)
+    small = coarse(scene, used=0.3)
     shape, hidden = small.photograph_shape, small.hidden_shape
     assert max(shape) <= 32 and max(hidden) <= 12
     assert np.prod(hidden) <= 0.3 * np.prod(shape)
+    assert small.memo is scene.memo  # one limit for both
