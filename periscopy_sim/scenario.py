@@ -247,7 +247,7 @@ class Scenario(Geometry):
 
         if library.is_photograph(str(name)):
             photograph = read_photograph(Path(name), self.photograph_shape)
-            return Background(photograph.values, 0.0, 0.0)
+            return Background(photograph.values, 0.0, 0.0, photograph.warnings)
         shown = {} if progress is None else {"progress": progress}
         path = library.find_condition(str(name))
         make = partial(library.ambient_light, path, self, self.seed, target=target, **shown)
@@ -327,6 +327,7 @@ class Scenario(Geometry):
             y = composite(y, behind, sbr)
         y = y if snr is None else add_noise(y, snr, self.seed)
         lines = excess_of(error, purpose) if samples is None or snr is not None else ()
+        lines = (*(light.warnings if light else ()), *lines)
         return Photograph(y, colour_matrix=colour_matrix, warnings=lines, relative_error=error)
 
     # -- methods -----------------------------------------------------------------------------------

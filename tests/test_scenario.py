@@ -224,3 +224,10 @@ def test_a_given_matrix_is_used(wall):
     assert given.A is A and given.plan().by == "file" and given.plan().error == 0.25
     turned = given.method("iterative", y).reconstruct(y)[::-1, ::-1]
     np.testing.assert_allclose(turned, scene.method("iterative", y).reconstruct(y), rtol=1e-3)
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_photograph_says_what_the_reader_of_its_light_assumed(tmp_path):
+    np.save(tmp_path / "light.npy", np.full((24, 24, 3), 200, np.uint8))
+    y = chair().photograph(np.ones((4, 5, 3)), ambient=tmp_path / "light.npy", sbr=1, bounces=1)
+    assert "light.npy" in y.warnings[0]

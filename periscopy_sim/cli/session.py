@@ -177,7 +177,10 @@ class Session(options.OptionGroup):
 
     def ambient_light(self, name: str, target: float = TARGET) -> "ps.Background":
         """Return ambient light: of a photograph, of no known error, or of a condition."""
-        return self.scenario.ambient(name, target=target, progress=progress)
+        light = self.scenario.ambient(name, target=target, progress=progress)
+        for line in light.warnings:
+            self.warn(line)
+        return light
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""

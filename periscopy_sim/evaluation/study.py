@@ -171,7 +171,9 @@ def sweep(
         if len(shown) > 1:
             raise PeriscopyError("photograph: it shows one image; give that alone")
     shape = scenario.photograph_shape
-    measured = own | {n: read_photograph(p, shape, mask).values for n, p in lights.items() if p}
+    read = {n: read_photograph(file, shape, mask) for n, file in lights.items() if file}
+    watcher.note([line for each in read.values() for line in each.warnings])
+    measured = own | {name: each.values for name, each in read.items()}
     if is_dark:  # of an infinite SBR nothing is added
         flips, measured = False, {DARK: np.ones((*shape, 3))}
     light = scenario.light

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.storage.formats.exr import write_exr
 
 pytest.importorskip("xarray")
 
@@ -16,3 +17,16 @@ def test_values_of_an_axis_may_be_whole_numbers():
     )  # fmt: skip
     assert results["occluder_dx"].values.tolist() == [0.0, 0.02]
     assert not results["failure"].values.any()
+
+
+@pytest.mark.usefixtures("jit")
+def test_what_the_reader_of_a_light_doubts_is_passed_on(tmp_path):
+    light = np.full((16, 16, 3), -1e-3)
+    light[:4] = 1
+    write_exr(tmp_path / "lamp.exr", light, {})
+    scene = ps.load_scenario("chair", (3, 4), {"resolution": 16})
+    with pytest.warns(RuntimeWarning, match=r"lamp\.exr"):
+        ps.sweep(
+            scene, ["mushroom"], methods=["truncated-svd"], ambient=[tmp_path / "lamp.exr"],
+            sbr=[1], snr=[40],
+        )  # fmt: skip
