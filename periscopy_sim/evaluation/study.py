@@ -192,6 +192,8 @@ def sweep(
         "mask": None if mask is None else array_sha256(mask),
         "monitor_off": [array_sha256(image) for image in off.values()],
     }
+    if light.matrix is not None:
+        settings["transport"] = array_sha256(np.asarray(light.matrix))
     sources: dict[str, dict[str, Any]] = {
         "algorithm": {name: source_sha256(each) or "built in" for name, each in named.items()},
         "image": {

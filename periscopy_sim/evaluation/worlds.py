@@ -250,6 +250,11 @@ class Worlds:
         errors = () if is_known else document.errors.values()
         assumed = [ASSUMED + name for name in numbers if name not in errors]
         known = ["sbr", "snr", KNOWN, DRAW, *OF_SCENE, *OF_LIGHT, *numbers, *assumed, *options]
+        if self.scenario.light.matrix is not None and (of_A := axes.keys() - options):
+            raise PeriscopyError(
+                f"vary {', '.join(sorted(of_A))}: A of your own is of one scene; leave out "
+                "Light.matrix"
+            )
         for axis, values in axes.items():
             if axis not in known:
                 guess = did_you_mean(axis, known) or f"there are {', '.join(known)}"
