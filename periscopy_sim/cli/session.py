@@ -125,6 +125,7 @@ class Session(options.OptionGroup):
         from periscopy_sim.storage.transport_matrix import read_record, read_transport
 
         lit = replace(light.of(self.scenario), strata=strata)
+        self.record["transport"] = matrix
         if matrix is not None:
             A = read_transport(matrix, self.scenario, light.most_bounces)
             if not (record := read_record(matrix)):
@@ -294,7 +295,7 @@ class PhotoSession(WallSession):
             self.transport(scenario, scenario.noise(wall), method)
         with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
             _ = scenario.B
-        place = fixable(f"scene '{self.path}'")
+        place = fixable(str(self.record["transport"] or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
             return scenario.method(method, wall, errors=errors, **settings)
 
