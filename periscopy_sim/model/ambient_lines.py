@@ -21,11 +21,13 @@ from typing import Any
 
 import numpy as np
 from scipy import linalg, optimize
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.model.correction import FirstImage
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.products import combine_rows
 
 SHORTEST = 4
 """Shortest period of a cosine, in pixels: finer lines are the camera's."""
@@ -71,7 +73,8 @@ class AmbientLines:
         channels = self._channels(photograph)
         o = np.zeros((len(channels), len(self._lines)))
         if self._direction.size and all(each.energy > 0 for each in channels):
-            o = np.array([each.expected() for each in channels])
+            with threadpool_limits(1):  # products are small, and bits independent of the cores
+                o = np.array([each.expected() for each in channels])
         if not self._found(o, channels, photograph):
             return photograph, {"ambient_lines_found": False}
         planes = photograph.planes - photograph.evidence.level * (o @ self._lines)
@@ -79,7 +82,7 @@ class AmbientLines:
 
     def _channels(self, photograph: FittedPhotograph) -> list["Channel"]:
         fit, coordinates = self._fit, self._fit.coordinates(photograph.evidence)
-        left = photograph.y - coordinates @ fit.lights
+        left = photograph.y - combine_rows(coordinates.astype(np.float32), fit.lights)
         known = self._shown, self._products, fit.curvatures / fit.curvatures.mean()
         freedom = fit.pixels - len(fit.background) - len(fit.curvatures)
         return [
@@ -118,8 +121,10 @@ class Channel:
 
     def expected(self) -> Array:
         """Return E[o | y⊥], (K,), at the most likely variances."""
-        start = np.log([np.mean(self.coordinates**2) + TINY, self.energy / self.freedom])
-        start = np.append(start, [start[1] + 2 * np.log(WIDE)] * 2)
+        variance = self.energy / self.freedom
+        widest = WIDE**2 * variance
+        signal = float(np.mean(self.coordinates**2)) + TINY
+        start = np.log([signal, variance, widest, widest])
         best = optimize.minimize(
             lambda x: self.cost(x)[:2],
             start,
