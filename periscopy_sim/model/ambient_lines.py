@@ -61,8 +61,8 @@ class AmbientLines:
         outside = fit.project_out(self._lines)
         self._direction = np.repeat([0, 1], [down.shape[1], across.shape[1]])
         self._shown = np.asarray(fit.lights @ outside.T, np.float64)
-        outside -= self._shown.T @ fit.lights
-        self._products = outside @ outside.T  # as a difference of products it may be indefinite
+        self._rest = outside - self._shown.T @ fit.lights  # what images leave of lines
+        self._products = self._rest @ self._rest.T
 
     def __call__(
         self,
@@ -86,7 +86,7 @@ class AmbientLines:
         known = self._shown, self._products, fit.curvatures / fit.curvatures.mean()
         freedom = fit.pixels - len(fit.background) - len(fit.curvatures)
         return [
-            Channel(*known, self._direction, u, self._lines @ r, float(r @ r), freedom)
+            Channel(*known, self._direction, u, self._rest @ r, float(r @ r), freedom)
             for u, r in zip(coordinates, left, strict=True)
         ]
 
