@@ -70,11 +70,11 @@ class AmbientLines:
         first_image: FirstImage,  # noqa: ARG002
     ) -> tuple[FittedPhotograph, Mapping[str, Any]]:
         """Return a photograph without the light of its lines."""
-        channels = self._channels(photograph)
-        o = np.zeros((len(channels), len(self._lines)))
-        if self._direction.size and all(each.energy > 0 for each in channels):
-            with threadpool_limits(1):  # products are small, and bits independent of the cores
-                o = np.array([each.expected() for each in channels])
+        channels, count = self._channels(photograph), len(self._lines)
+        if not (count and all(each.energy > 0 and each.freedom > count for each in channels)):
+            return photograph, {"ambient_lines_found": False}
+        with threadpool_limits(1):  # products are small, and bits independent of the cores
+            o = np.array([each.expected() for each in channels])
         if not self._found(o, channels, photograph):
             return photograph, {"ambient_lines_found": False}
         planes = photograph.planes - photograph.evidence.level * (o @ self._lines)
