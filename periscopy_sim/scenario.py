@@ -122,7 +122,9 @@ class Scenario(Geometry):
         milliseconds. A PeriscopyError says that the light has an A of its own, of these values.
         """
         if self.light.matrix is not None:
-            raise PeriscopyError("A of your own is of one scene: to move it, leave out Light.matrix")
+            raise PeriscopyError(
+                "A of your own is of one scene; to move it, leave out Light.matrix"
+            )
         return super().at(**values)
 
     # -- matrices ----------------------------------------------------------------------------------
@@ -258,7 +260,7 @@ class Scenario(Geometry):
 
         if library.is_photograph(str(name)):
             photograph = read_photograph(Path(name), self.photograph_shape)
-            return Background(photograph.values, 0.0, 0.0, photograph.warnings)
+            return Background(photograph.values, 0.0, 0.0, warnings=photograph.warnings)
         shown = {} if progress is None else {"progress": progress}
         path = library.find_condition(str(name))
         make = partial(library.ambient_light, path, self, self.seed, target=target, **shown)

@@ -14,14 +14,14 @@ from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.evaluation.sweep import LIGHT, Sweep, run_sweep
 from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.evaluation.world import flipped_names
-from periscopy_sim.evaluation.worlds import KNOWN, WAYS, Watcher, Worlds
+from periscopy_sim.evaluation.worlds import KNOWN, Watcher, Worlds
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.limits import checked
-from periscopy_sim.numerics.words import bounces_in_words
+from periscopy_sim.numerics.words import WAYS, bounces_in_words
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.reconstruction.registry import libraries_of

@@ -22,6 +22,7 @@ from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.numerics.limits import RANGES, in_range, number_of, size_of
 from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.words import WAYS
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import Option
 from periscopy_sim.rendering.photograph import rendering_of
@@ -62,9 +63,6 @@ KEPT = 8
 OF_LIGHT = "samples", "model"
 OF_SCENE = "scene", "hidden"
 """Axes beside the scene's <default>s: of A, and of the scene as a whole."""
-
-WAYS = {"analytic": "areas", "rendered": "rays"}
-"""Ways to A, by the values of the axis ``model``."""
 
 
 class Watcher:

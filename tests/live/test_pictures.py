@@ -10,7 +10,6 @@ from periscopy_sim.live.pictures import Overtaken, SizedLaboratory, coarse
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import load_scenario
 from periscopy_sim.storage.pictures import averaged_photograph
-from tests.live.conftest import plate
 from tests.scenes.room import Room
 
 
@@ -62,7 +61,8 @@ def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
 
 def test_averages_to_come_need_a_finer_matrix_than_a_noisy_first_one(choice):
     noise = 0.3 * np.random.default_rng(0).normal(size=(24, 24, 3))
-    scene, first = replace(plate(), light=ps.Light("rays")), Photograph(1 + noise)
+    first, light = Photograph(1 + noise), ps.Light("rays")
+    scene = load_scenario("plate", (6, 8), photograph=(24, 24), light=light)
     assert scene.plan(scene.noise(first)) != scene.plan()
     unknown = replace(choice, image="")
     fitted = SizedLaboratory(scene, lambda: first, is_coarse=False).fit(unknown)

@@ -66,7 +66,7 @@ class Background:
     photograph: Array = field(repr=False)
     relative_error: float
     brightness_error: float
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)
 
 
 def render_background(
