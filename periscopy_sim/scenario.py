@@ -82,6 +82,13 @@ class Light:
         if self.bounces is not None:
             checked("bounces", self.bounces, "samples")
 
+    @property
+    def prototypes(self) -> list[str]:
+        """Digests of the columns of B, for a record; ``grid`` for Eq. 4."""
+        from periscopy_sim.storage.outputs.provenance import array_sha256
+
+        return ["grid" if B is None else array_sha256(B) for B in self.ambient]
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scenario(Geometry):

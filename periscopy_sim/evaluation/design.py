@@ -192,7 +192,9 @@ def design(
     settings = {
         **{n: each for n, each in origin.items() if n not in ("command", "scene")},
         **base.plan(noise).origin,
+        "camera": scenario.view.camera,
         "bounces": bounces_in_words(base.light.bounces),
+        "ambient_prototypes": base.light.prototypes,
         "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
         "ranges": {name: list(ends) for name, ends in vary.items()},
         "grid": grid,

@@ -177,7 +177,6 @@ def sweep(
     if is_dark:  # of an infinite SBR nothing is added
         flips, measured = False, {DARK: np.ones((*shape, 3))}
     light = scenario.light
-    own_light = ["grid" if B is None else array_sha256(B) for B in light.ambient]
     settings = {
         **{n: v for n, v in provenance(scenario.document, scenario.seed).items() if n not in RUN},
         "base_seed": scenario.seed,
@@ -188,7 +187,7 @@ def sweep(
         "model": next((name for name, way in WAYS.items() if way == light.by), None),
         "samples": light.samples,
         "bounces": bounces_in_words(light.bounces),
-        "ambient_prototypes": own_light,
+        "ambient_prototypes": light.prototypes,
         "mask": None if mask is None else array_sha256(mask),
         "monitor_off": [array_sha256(image) for image in off.values()],
     }

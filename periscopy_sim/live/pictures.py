@@ -12,7 +12,7 @@ from periscopy_sim.calibration.moving_scene import limit_size, limit_sizes
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.metrics import psnr_gain_matched
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.judgement import check_error
+from periscopy_sim.judgement import check_error, remedies_of
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
 from periscopy_sim.methods import own_errors
 from periscopy_sim.numerics import Array
@@ -138,7 +138,9 @@ class FittedChoice:
             return None
         values = self._values(frame)
         with own_errors(self.choice.method, "failed"), one_thread():
-            return StillMethod.report(self.method, values, self.method.solve(values))
+            report = StillMethod.report(self.method, values, self.method.solve(values))
+        remedies = remedies_of(self.scenario, report, self.method, frame)
+        return replace(report, remedies=remedies)
 
     def _values(self, frame: Photograph) -> Array:
         """Return a frame's light at this size, black where it is not used."""

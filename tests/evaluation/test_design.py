@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,14 @@ def test_design_resumes_from_its_table_and_ranks_what_is_finite(tmp_path):
 def test_scene_as_it_stands_must_be_a_scene(tmp_path):
     with pytest.raises(ValueError, match="hides"):
         run_design(POINTS[1:], bounds, tmp_path / "design.csv")
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_design_for_other_ambient_light_is_another(tmp_path):
+    scene = ps.load_scenario("chair", (3, 4), {"resolution": 12})
+    lit = replace(scene, light=ps.Light(ambient=(np.ones((144, 1)),)))
+    asked = {"vary": {"occluder_dx": (0, 0.01)}, "out": tmp_path, "grid": 2, "images": []}
+    rows = ps.design(scene, **asked)
+    assert ps.design(scene, **asked) == rows
+    with pytest.raises(OutputError):
+        ps.design(lit, **asked)

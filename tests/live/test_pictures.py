@@ -106,6 +106,12 @@ def test_scene_that_explains_a_photograph_leaves_less_of_it(level, choice):
     assert left[0.01] < 0.5 * min(left[0.0], left[-0.01])
 
 
+def test_verdict_on_frames_says_what_would_help(level, choice):
+    taken = level().fit(replace(choice, values={**choice.values, "occluder_dx": 0.03})).photograph
+    verdict = level(photograph=lambda: taken).fit(replace(choice, image="")).judge(taken)
+    assert verdict.is_doubted and verdict.remedies
+
+
 def test_masked_pixels_of_a_photograph_are_averaged_out():
     values = np.ones((8, 8, 3))
     used = np.ones((8, 8), bool)
