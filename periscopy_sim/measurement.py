@@ -10,6 +10,9 @@ from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.limits import SMALLEST
 from periscopy_sim.numerics.validation import InputError, checked_number, plain_array
 
+TARGET = 3e-4
+"""Relative error of a pixel of ambient light: below a third of the noise of 60 dB."""
+
 
 def composite(signal: Image, background: Image, sbr: float) -> Array:
     """Add ambient light at a signal-to-background ratio, at a fixed exposure (Sec. 4.1).

@@ -12,6 +12,13 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Sizes
+from periscopy_sim.measurement import (
+    TARGET,
+    add_noise,
+    composite,
+    composite_error,
+    noise_to_signal,
+)
 from periscopy_sim.memo import Memo
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.limits import checked
@@ -34,9 +41,6 @@ Progress = Callable[[float], None]
 
 SIGNIFICANT = 3.0
 """Standard deviations of the noise of all pixels' mean that a white surface's light exceeds."""
-
-TARGET = 3e-4
-"""Relative error of a pixel of ambient light: below a third of the noise of 60 dB."""
 
 LEAST_LIGHT = 0.25
 """Mean of P A f of a white f, by other rays, below which it is A's grain that has rank. By 16 rays
@@ -228,7 +232,7 @@ class Scenario(Geometry):
         from periscopy_sim.rendering.transport.plan import planned_for
 
         light, seed = self.light, self.seed
-        error, A = planned_for(images, self, noise, samples=light.samples, seed=seed)
+        error, A = planned_for(images, self, noise, by=light.by, samples=light.samples, seed=seed)
         if light.bounces == DIRECT:
             return error, A
         return error, add_bounces(self, A, light.bounces, seed=seed)
@@ -319,7 +323,6 @@ class Scenario(Geometry):
         PeriscopyError
             If `ambient` and `sbr` do not go together, or there is no such light.
         """
-        from periscopy_sim.measurement import add_noise, composite, composite_error, noise_to_signal
         from periscopy_sim.rendering.photograph import SNR, excess_of, rendering_of
         from periscopy_sim.storage.ambient_library import is_photograph
 

@@ -188,6 +188,9 @@ def test_the_noise_decides_how_fine_a_matrix_is():
     fine, coarse = (scene.plan(noise).samples for noise in (1e-2, 1.0))
     assert fine > coarse and scene.transport(1e-2) is not scene.transport(1.0)
     assert scene.method("iterative", noise=1e-2) is not scene.method("iterative", noise=1.0)
+    np.testing.assert_array_equal(
+        scene.transport_of(np.ones((1, 20, 3)), 1.0)[1], scene.transport(1.0)
+    )
 
 
 def test_a_scenario_elsewhere_shares_what_is_kept(wall):

@@ -14,6 +14,7 @@ from periscopy_sim.cli.render import photograph
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError
 from periscopy_sim.figures import panels
+from periscopy_sim.measurement import TARGET
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.formats.exr import write_exr
 
@@ -35,7 +36,7 @@ def demo(
         output.say(f"rendering with {ps.use_variant()}")
         chair = "chair", [hidden], [f"resolution={resolution}"], seed
         scene = PhotoSession(*chair)
-        light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)
+        light = scene.ambient_light("ceiling_panels", TARGET / effort**0.5)
         write_exr(file, light.photograph, scene.metadata)
     photograph(
         session=scene, image=image, out=photo, ambient=str(ambient), sbr=0.5, snr=60.0

@@ -11,6 +11,7 @@ from periscopy_sim.cli.light import MonitorLight, most_bounces
 from periscopy_sim.cli.options import LIGHT, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
+from periscopy_sim.measurement import TARGET
 from periscopy_sim.storage.ambient_library import (
     CONDITIONS,
     ambient_photographs,
@@ -44,7 +45,7 @@ def photograph(
     sbr: Annotated[float | None, option("RATIO", _SBR, kind="ratio", group=LIGHT)] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
-    target: TargetOption = 3e-4,
+    target: TargetOption = TARGET,
 ) -> None:
     """Render a photograph of the wall, as an EXR file.
 
@@ -90,7 +91,7 @@ def ambient(
     scene: options.SceneOption,
     out: options.ResumedFolder,
     names: Annotated[list[str] | None, argument("NAME", _NAMES)] = None,
-    target: TargetOption = 3e-4,
+    target: TargetOption = TARGET,
     seed: options.Seed = 0,
     define: options.Define = None,
 ) -> None:

@@ -17,10 +17,10 @@ from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import LightOptions, MonitorLight
 from periscopy_sim.cli.messages import colour, note_sentence, sentence
 from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
+from periscopy_sim.measurement import TARGET
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
 from periscopy_sim.reconstruction.registry import DEFAULT
-from periscopy_sim.scenario import TARGET
 from periscopy_sim.scene import CAMERA
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 

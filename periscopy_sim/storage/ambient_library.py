@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.geometry import Geometry
+from periscopy_sim.measurement import TARGET
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.places import local_copy, user_cache
@@ -34,9 +35,6 @@ Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 """Receives the name of a rendering, and gives the function that reports its fraction done."""
 
 CONDITIONS = (*REALISTIC, *ADVERSARIAL)
-
-TARGET = 3e-4
-"""Relative error of a pixel: below a third of the noise of 60 dB."""
 
 CACHE_BYTES = 1 << 28
 """Bytes of light that the user's cache keeps: some 1,500 photographs of 126 x 126 pixels."""

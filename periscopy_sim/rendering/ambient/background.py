@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
+from periscopy_sim.measurement import TARGET
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import checked_number
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
@@ -74,7 +75,7 @@ def render_background(
     scenario: Geometry,
     parameters: Mapping[str, str] | None = None,
     *,
-    target: float = 3e-4,
+    target: float = TARGET,
     max_rounds: int = 64,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,

@@ -246,7 +246,13 @@ def transport_error(scenario: Geometry, samples: int, across: int = 1, *, seed: 
 
 
 def planned_for(
-    images: Array, scenario: Geometry, noise: float, *, samples: int | None = None, seed: int = 0
+    images: Array,
+    scenario: Geometry,
+    noise: float,
+    *,
+    by: By | None = None,
+    samples: int | None = None,
+    seed: int = 0,
 ) -> tuple[float, NDArray[np.float32]]:
     """Return A, as fine as images' light, (K, N, C), needs, too, and the largest error of that.
 
@@ -254,7 +260,7 @@ def planned_for(
     points or, by rays, as many others; it is a third of the noise at most, within the budgets.
     Light of small bright details errs up to 8 times as much as white light (chair and plate).
     """
-    plan, made = planned(scenario, noise, samples=samples, seed=seed)
+    plan, made = planned(scenario, noise, by=by, samples=samples, seed=seed)
     rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[: 4 * PIXELS]
     rows.sort()
     first = points_across(scenario.photograph_shape)
