@@ -118,7 +118,10 @@ class Scenario(Geometry):
 
     @property
     def A(self) -> Any:  # noqa: N802  the symbol
-        """(M, N) the light transport matrix, as fine as photographs of 60 dB need."""
+        """(M, N) the light transport matrix, as fine as photographs of 60 dB need.
+
+        It is kept: copy it before you write into it.
+        """
         return self.transport()
 
     @property
