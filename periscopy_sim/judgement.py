@@ -16,6 +16,7 @@ from periscopy_sim.model import spectral_basis
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.model.noise import relative_noise
 from periscopy_sim.numerics import Array, machine
+from periscopy_sim.numerics.words import WAYS
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
@@ -83,7 +84,7 @@ def check_error(
         return []
     by_rays = "areas" if has_areas(scenario) else "rays"
     remedy = {"analytic": "size", "file": "file"}.get(model, by_rays)
-    way = {"analytic": "areas", "rendered": "rays"}.get(model, model)
+    way = WAYS.get(model, model)
     percent = {"error": 100 * error, "noise": 100 * noise}
     more = {"remedy": remedy, "more_rays": 4 * (origin["samples"] or RAYS)}
     return [Note("transport_error", {"name": name, "model": way, **percent, **more})]

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,8 @@ class Light:
     strata
         How rays spread over a patch, see `render_transport`.
     matrix, record
-        A of your own in place of a computed one, and what its file says of its origin.
+        A of your own in place of a computed one, and what its file says of its origin. It is of the
+        scene's present values: `Scenario.at` rejects it.
     """
 
     by: "By | None" = None
@@ -113,6 +114,18 @@ class Scenario(Geometry):
     light: Light = field(default_factory=Light)
     seed: int = 0
     memo: Memo = field(default_factory=Memo, repr=False)
+
+    def at(self, **values: str | float) -> Self:
+        """Return the same with other values for its file's ``<default>``s: `Scene.at`.
+
+        Where things merely move, and no shape comes near the camera's view, this takes a few
+        milliseconds. A PeriscopyError says that the light has an A of its own, of these values.
+        """
+        if self.light.matrix is not None:
+            raise PeriscopyError(
+                "A of your own is of one scene; to move it, leave out Light.matrix"
+            )
+        return super().at(**values)
 
     # -- matrices ----------------------------------------------------------------------------------
 
@@ -231,7 +244,7 @@ class Scenario(Geometry):
             return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
 
         changed = [file.stat().st_mtime_ns for file, _ in files.values()]
-        return self.memo(("image", *files.items(), *changed), make)
+        return self.memo(("image", *files.items(), *changed), make, 24 * self.hidden.patches)
 
     def ambient(
         self, name: str | Path, *, target: float = TARGET, progress: Any = None
@@ -247,7 +260,7 @@ class Scenario(Geometry):
 
         if library.is_photograph(str(name)):
             photograph = read_photograph(Path(name), self.photograph_shape)
-            return Background(photograph.values, 0.0, 0.0)
+            return Background(photograph.values, 0.0, 0.0, warnings=photograph.warnings)
         shown = {} if progress is None else {"progress": progress}
         path = library.find_condition(str(name))
         make = partial(library.ambient_light, path, self, self.seed, target=target, **shown)
@@ -327,6 +340,7 @@ class Scenario(Geometry):
             y = composite(y, behind, sbr)
         y = y if snr is None else add_noise(y, snr, self.seed)
         lines = excess_of(error, purpose) if samples is None or snr is not None else ()
+        lines = (*(light.warnings if light else ()), *lines)
         return Photograph(y, colour_matrix=colour_matrix, warnings=lines, relative_error=error)
 
     # -- methods -----------------------------------------------------------------------------------
@@ -455,7 +469,8 @@ class Scenario(Geometry):
 
         options = {"camera": self.view.camera, "seed": self.seed, **options}
         found = calibrate(photograph, self.scene, self.hidden.shapes, **options)
-        moved = self.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
+        free = replace(self, light=replace(self.light, matrix=None, record={}))
+        moved = free.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
         carried = {**moved.document.defaults, CALIBRATED: found.scene_covariance.text()}
         scene = replace(moved.scene, document=replace(moved.document, defaults=carried))
         return replace(found, scenario=replace(moved, view=replace(moved.view, scene=scene)))
@@ -525,6 +540,7 @@ class Scenario(Geometry):
         """
         from periscopy_sim import judgement
         from periscopy_sim.reconstruction.method import StillMethod
+        from periscopy_sim.rendering.transport.bounced import BouncedTransport
 
         photograph = self._checked(photograph)
         fitted: StillMethod[Any] = (
@@ -533,7 +549,7 @@ class Scenario(Geometry):
         report = fitted.report(photograph, solution) if report is None else report
         images = self.hidden.split(fitted.fit.mixed(solution.image))
         report, warnings = judgement.with_patches_tried(self, report, fitted, images), []
-        if self.light.bounces == 1:
+        if self.light.bounces == 1 and not isinstance(self.light.matrix, BouncedTransport):
             warnings = judgement.check_bounces(self, fitted, images, photograph, self.seed)
         remedies = judgement.remedies_of(self, report, fitted, photograph)
         return replace(report, warnings=[*report.warnings, *warnings], remedies=remedies)

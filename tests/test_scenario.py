@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import periscopy_sim as ps
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.measurement import add_noise
 from periscopy_sim.memo import Memo
 from periscopy_sim.scene import EmissionProfile
 from periscopy_sim.view import rises, wall_frame
@@ -224,3 +226,31 @@ def test_a_given_matrix_is_used(wall):
     assert given.A is A and given.plan().by == "file" and given.plan().error == 0.25
     turned = given.method("iterative", y).reconstruct(y)[::-1, ::-1]
     np.testing.assert_allclose(turned, scene.method("iterative", y).reconstruct(y), rtol=1e-3)
+
+
+def test_a_given_matrix_stays_with_its_scene(wall):
+    scene, y = wall
+    given = replace(scene, light=replace(RAYS, matrix=scene.A))
+    with pytest.raises(PeriscopyError, match="one scene"):
+        given.at(occluder_dx=0.03)
+    given.method("noise-aware", y)  # counts errors of the scene's numbers
+
+
+def test_a_given_matrix_with_bounces_lacks_no_light_that_bounces(wall):
+    scene, _ = wall
+    A = replace(scene, light=replace(RAYS, bounces=2)).A
+    image = scene.image("mushroom")
+    y = ps.Photograph(add_noise(scene.photograph(image, bounces=2).values, 60, 1))
+    codes = []
+    for matrix in (scene.A, A):
+        given = replace(scene, light=replace(RAYS, matrix=matrix))
+        fitted = given.method("iterative", y)
+        codes.append([note.code for note in given.judge(y, fitted.solve(y), fitted).warnings])
+    assert "bounces" in codes[0] and "bounces" not in codes[1]
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_photograph_says_what_the_reader_of_its_light_assumed(tmp_path):
+    np.save(tmp_path / "light.npy", np.full((24, 24, 3), 200, np.uint8))
+    y = chair().photograph(np.ones((4, 5, 3)), ambient=tmp_path / "light.npy", sbr=1, bounces=1)
+    assert "light.npy" in y.warnings[0]

@@ -2,28 +2,20 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.options import Model
 from periscopy_sim.cli.output import fixable
+from periscopy_sim.numerics.words import WAYS, bounces_in_words, bounces_of_words
 from periscopy_sim.reconstruction.registry import METHODS
 
 GRID = "grid"
 """Names Eq. 4's point lights on the paper's grid."""
 
-WAYS: dict[Model | None, Literal["areas", "rays"]] = {
-    Model.analytic: "areas", Model.rendered: "rays"
-}  # fmt: skip
-
 
 def most_bounces(text: str) -> int | None:
     """Return the most reflections of a path that ``--bounces`` names: None for any number."""
-    if text == "direct":
-        return 1
-    from periscopy_sim.numerics.words import bounces_of_words
-
     with fixable("--bounces"):
         return bounces_of_words(text)
 
@@ -47,7 +39,8 @@ class MonitorLight(options.OptionGroup):
     def of(self, scenario: ps.Scenario) -> ps.Light:
         """Return how the light of a scenario is computed."""
         del scenario
-        return ps.Light(WAYS.get(self.model), self.samples, self.most_bounces)
+        by = None if self.model is None else WAYS[self.model]
+        return ps.Light(by, self.samples, self.most_bounces)
 
 
 @dataclass(frozen=True)
@@ -75,8 +68,6 @@ class LightOptions(MonitorLight):
     @property
     def origin(self) -> dict[str, Any]:
         """The entries of a summary on the light, beside those of its `TransportPlan`."""
-        from periscopy_sim.numerics.words import bounces_in_words
-
         bounces = bounces_in_words(self.most_bounces)
         return {"bounces": bounces, "ambient_prototypes": self.sources}
 

@@ -88,7 +88,6 @@ def reconstruct(
         for camera, view in views.items():
             matrix_file = next(reversed(matrices[camera]), None)  # the last counts
             lit[camera] = view.lit(light, matrix_file)
-            view.record["transport"] = matrix_file
             methods[camera] = view.fit(method, settings, lit[camera], walls[camera], counted)
         of = ", ".join(map(str, photo))
         with (

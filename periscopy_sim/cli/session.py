@@ -125,6 +125,7 @@ class Session(options.OptionGroup):
         from periscopy_sim.storage.transport_matrix import read_record, read_transport
 
         lit = replace(light.of(self.scenario), strata=strata)
+        self.record["transport"] = matrix
         if matrix is not None:
             A = read_transport(matrix, self.scenario, light.most_bounces)
             if not (record := read_record(matrix)):
@@ -177,7 +178,10 @@ class Session(options.OptionGroup):
 
     def ambient_light(self, name: str, target: float = TARGET) -> "ps.Background":
         """Return ambient light: of a photograph, of no known error, or of a condition."""
-        return self.scenario.ambient(name, target=target, progress=progress)
+        light = self.scenario.ambient(name, target=target, progress=progress)
+        for line in light.warnings:
+            self.warn(line)
+        return light
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
@@ -291,7 +295,7 @@ class PhotoSession(WallSession):
             self.transport(scenario, scenario.noise(wall), method)
         with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
             _ = scenario.B
-        place = fixable(f"scene '{self.path}'")
+        place = fixable(str(self.record["transport"] or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
             return scenario.method(method, wall, errors=errors, **settings)
 

@@ -64,7 +64,6 @@ def video(
             size = session.scenario.hidden[surface].shape
             known[surface] = np.stack([*sequences.read_hidden_frames(path, size, len(names))])
         scenario = session.lit(light, matrix)
-        session.record["transport"] = matrix
         still = session.fit(method, for_still, scenario, wall)
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):

@@ -14,14 +14,14 @@ from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.evaluation.sweep import LIGHT, Sweep, run_sweep
 from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.evaluation.world import flipped_names
-from periscopy_sim.evaluation.worlds import KNOWN, WAYS, Watcher, Worlds
+from periscopy_sim.evaluation.worlds import KNOWN, Watcher, Worlds
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.limits import checked
-from periscopy_sim.numerics.words import bounces_in_words
+from periscopy_sim.numerics.words import WAYS, bounces_in_words
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.reconstruction.registry import libraries_of
@@ -171,7 +171,9 @@ def sweep(
         if len(shown) > 1:
             raise PeriscopyError("photograph: it shows one image; give that alone")
     shape = scenario.photograph_shape
-    measured = own | {n: read_photograph(p, shape, mask).values for n, p in lights.items() if p}
+    read = {n: read_photograph(file, shape, mask) for n, file in lights.items() if file}
+    watcher.note([line for each in read.values() for line in each.warnings])
+    measured = own | {name: each.values for name, each in read.items()}
     if is_dark:  # of an infinite SBR nothing is added
         flips, measured = False, {DARK: np.ones((*shape, 3))}
     light = scenario.light
@@ -190,6 +192,8 @@ def sweep(
         "mask": None if mask is None else array_sha256(mask),
         "monitor_off": [array_sha256(image) for image in off.values()],
     }
+    if light.matrix is not None:
+        settings["transport"] = array_sha256(np.asarray(light.matrix))
     sources: dict[str, dict[str, Any]] = {
         "algorithm": {name: source_sha256(each) or "built in" for name, each in named.items()},
         "image": {

@@ -22,6 +22,7 @@ from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.numerics.limits import RANGES, in_range, number_of, size_of
 from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.words import WAYS
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import Option
 from periscopy_sim.rendering.photograph import rendering_of
@@ -62,9 +63,6 @@ KEPT = 8
 OF_LIGHT = "samples", "model"
 OF_SCENE = "scene", "hidden"
 """Axes beside the scene's <default>s: of A, and of the scene as a whole."""
-
-WAYS = {"analytic": "areas", "rendered": "rays"}
-"""Ways to A, by the values of the axis ``model``."""
 
 
 class Watcher:
@@ -250,6 +248,11 @@ class Worlds:
         errors = () if is_known else document.errors.values()
         assumed = [ASSUMED + name for name in numbers if name not in errors]
         known = ["sbr", "snr", KNOWN, DRAW, *OF_SCENE, *OF_LIGHT, *numbers, *assumed, *options]
+        if self.scenario.light.matrix is not None and (of_A := axes.keys() - options):
+            raise PeriscopyError(
+                f"vary {', '.join(sorted(of_A))}: A of your own is of one scene; leave out "
+                "Light.matrix"
+            )
         for axis, values in axes.items():
             if axis not in known:
                 guess = did_you_mean(axis, known) or f"there are {', '.join(known)}"

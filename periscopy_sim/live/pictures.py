@@ -181,14 +181,16 @@ class SizedLaboratory:
             self._moved = moved, self.scenario.at(**moved)
         scenario = self._moved[1]
         truth = scenario.image(choice.image) if choice.image else None
-        given, noise = self._photograph, None  # averages to come have little noise
+        given, known = self._photograph, None
         check()
         if given is None:
-            noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
+            known = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
         else:
             whole = given() if callable(given) else given
             photograph = averaged_photograph(whole, scenario.photograph_shape)
-            noise = None if callable(given) else scenario.noise(photograph)
+            known = None if callable(given) else scenario.noise(photograph)
+        # Averages to come have less noise than the present one.
+        noise = noise_to_signal(Choice.snr, np.inf) if known is None else known
         fineness = np.inf if self.is_coarse else noise  # the quickest A
         if given is None:
             photograph = self._expose(choice, truth, scenario, fineness)
@@ -228,4 +230,4 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     most = largest * np.sqrt(used * np.prod(shape) / hidden.patches / 2)
     sizes, scene = limit_sizes(hidden, max(1, int(min(longest, most)))), scenario.scene
     view = View.of(scene, shape, camera=scenario.view.camera)
-    return Scenario(view, Hidden.of_scene(scene, sizes))
+    return Scenario(view, Hidden.of_scene(scene, sizes), memo=scenario.memo)

@@ -54,6 +54,9 @@ RANGES: Mapping[str, tuple[float, float]] = {
 }
 """Least and greatest of each kind of number that users give."""
 
+WHOLE = "seed", "side", "resolution", "grid", "count", "samples", "rays", "camera samples", "port"
+"""Kinds of whole numbers."""
+
 
 def in_range(kind: str, *values: float) -> bool:
     """Return whether numbers of a kind are in its range."""
@@ -68,7 +71,7 @@ def checked(name: str, values: Any, kind: str) -> list[float]:
     is_list, numbers = isinstance(values, Iterable) and not isinstance(values, str), list[float]()
     for each in values if is_list else [values]:
         try:
-            numbers.append(checked_number(each, name, *RANGES[kind]))
+            numbers.append(checked_number(each, name, *RANGES[kind], whole=kind in WHOLE))
         except InputError as error:
             named = f"{name}{each}" if name.endswith("=") else f"{name} {each}"
             raise PeriscopyError(f"{named}: {str(error).partition(': ')[2]}") from error

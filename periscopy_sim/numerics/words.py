@@ -1,11 +1,16 @@
-"""Numbers as people write and read them."""
+"""Numbers and ways to A as people write and read them."""
 
 import re
+from collections.abc import Mapping
+from typing import Literal
 
 from periscopy_sim.numerics.validation import InputError
 
 WORDS = {"direct": 1, "all": None}
 """Most reflections of a path, by the words of options and records."""
+
+WAYS: Mapping[str, Literal["areas", "rays"]] = {"analytic": "areas", "rendered": "rays"}
+"""Ways to A, by the same."""
 
 
 def bounces_in_words(bounces: int | None) -> str:

@@ -104,8 +104,8 @@ def _background(picture: NDArray[np.float32], metadata: Mapping[str, str | float
     """Return a photograph with its errors, as a file has them."""
     from periscopy_sim.rendering.ambient.background import Background
 
-    errors = {name: float(metadata[name]) for name in ERRORS}
-    return Background(picture.astype(np.float64), **errors)
+    errors = (float(metadata[name]) for name in ERRORS)
+    return Background(picture.astype(np.float64), *errors)
 
 
 def ambient_light(

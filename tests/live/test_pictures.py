@@ -59,6 +59,16 @@ def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
     assert report_sentences(report)
 
 
+def test_averages_to_come_need_a_finer_matrix_than_a_noisy_first_one(choice):
+    noise = 0.3 * np.random.default_rng(0).normal(size=(24, 24, 3))
+    first, light = Photograph(1 + noise), ps.Light("rays")
+    scene = load_scenario("plate", (6, 8), photograph=(24, 24), light=light)
+    assert scene.plan(scene.noise(first)) != scene.plan()
+    unknown = replace(choice, image="")
+    fitted = SizedLaboratory(scene, lambda: first, is_coarse=False).fit(unknown)
+    assert fitted.method.plan == scene.plan()
+
+
 COUNTED = """
 from pathlib import Path
 import periscopy_sim as ps
@@ -134,7 +144,9 @@ def test_what_cannot_be_shown_is_reported(level, choice):
 
 @pytest.mark.parametrize("size", [(126, 126), (50, 200), (40, 40)])
 def test_coarse_sizes_keep_more_pixels_than_patches(size):
-    small = coarse(load_scenario("plate", (29, 36), photograph=size), used=0.3)
+    scene = load_scenario("plate", (29, 36), photograph=size)
+    small = coarse(scene, used=0.3)
     shape, hidden = small.photograph_shape, small.hidden_shape
     assert max(shape) <= 32 and max(hidden) <= 12
     assert np.prod(hidden) <= 0.3 * np.prod(shape)
+    assert small.memo is scene.memo  # one limit for both

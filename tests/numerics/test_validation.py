@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.evaluation.sweep import Sweep, run_sweep
+from periscopy_sim.evaluation.world import World
 
 IMAGE, WALL = np.ones((3, 4, 3)), np.ones((16, 16, 3))
 
@@ -15,7 +17,7 @@ class Mine:
 
 def world(**changes):
     parts = {"signals": {"p": WALL}, "truths": {"p": IMAGE}, "backgrounds": {"b": WALL}}
-    return ps.World(**{**parts, "methods": {"mine": Mine()}, **changes})
+    return World(**{**parts, "methods": {"mine": Mine()}, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -53,14 +55,14 @@ def test_photographs_name_what_is_no_image(scene, image):
         (lambda _: ps.composite(WALL, WALL, "1"), "sbr"),
         (lambda _: ps.composite(WALL, ps.Background(WALL, 0, 0), 1), "background"),
         (lambda _: ps.Sensor("5000"), "electrons"),
-        (lambda _: ps.Sweep(world(), 1), "sbrs"),
-        (lambda _: ps.Sweep(world(), ["1"]), "sbrs"),
-        (lambda _: ps.Sweep(world(), [1], "60"), "snrs"),
-        (lambda _: ps.Sweep(world(), [1], seeds=3), "seeds"),
-        (lambda _: ps.Sweep(world(), [1], seed="x"), "seed"),
-        (lambda _: ps.Sweep(world(), [1], vary={"dx": 1}), "dx"),
-        (lambda _: ps.Sweep("chair", [1]), "world"),
-        (lambda _: ps.run_sweep(world(), "out"), "sweep"),
+        (lambda _: Sweep(world(), 1), "sbrs"),
+        (lambda _: Sweep(world(), ["1"]), "sbrs"),
+        (lambda _: Sweep(world(), [1], "60"), "snrs"),
+        (lambda _: Sweep(world(), [1], seeds=3), "seeds"),
+        (lambda _: Sweep(world(), [1], seed="x"), "seed"),
+        (lambda _: Sweep(world(), [1], vary={"dx": 1}), "dx"),
+        (lambda _: Sweep("chair", [1]), "world"),
+        (lambda _: run_sweep(world(), "out"), "sweep"),
         (lambda _: world(methods="noise-aware"), "methods"),
         (lambda _: world(methods={"noise-aware": "noise-aware"}), "noise-aware"),
         (lambda _: world(methods={"mine": ps.NoiseAware}), "mine"),
@@ -71,6 +73,10 @@ def test_photographs_name_what_is_no_image(scene, image):
         (lambda scene: ps.transport(scene, noise="x"), "noise"),
         (lambda scene: ps.transport(scene, bounces="all"), "bounces"),
         (lambda scene: ps.render_transport(scene, samples="4"), "samples"),
+        (lambda _: ps.Light(samples=1.5), "samples"),
+        (lambda _: ps.Light(bounces=1.5), "bounces"),
+        (lambda scene: ps.sweep(scene, ["mushroom"], seeds=1.5), "seeds"),
+        (lambda scene: ps.design(scene, {"occluder_dx": (0, 1)}, grid=2.5), "grid"),
         (lambda _: ps.NoiseAware.for_scene("chair", WALL[0]), "scene"),
         (lambda _: ps.NoiseAware(np.ones((9, 12)), hidden="3x4"), "size"),
         (lambda _: ps.Periscope(np.eye(9)[:, :4], hidden=(2, 2)).reconstruct("y"), "photograph"),
@@ -85,4 +91,4 @@ def test_a_value_of_the_wrong_kind_is_one_error_by_name(scene, call, name):
 def test_numbers_of_numpy_are_numbers():
     same = ps.add_noise(WALL, np.float32(60), np.int64(3))
     np.testing.assert_allclose(same, ps.add_noise(WALL, np.array(60), 3), rtol=1e-12)
-    assert ps.Sweep(world(), np.array([0.5, np.inf]), range(40, 60, 10), np.arange(2)).axes["seed"]
+    assert Sweep(world(), np.array([0.5, np.inf]), range(40, 60, 10), np.arange(2)).axes["seed"]

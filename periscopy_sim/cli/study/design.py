@@ -59,7 +59,7 @@ def design(
     for name in names:
         ps.find_image(name)
     session.check_scene()
-    scenario = session.lit(light, strata="gauss")
+    scenario = session.lit(light)
     with output.progress("designing", "scenes") as report:
         rows = designs.design(
             scenario, ranges, out, grid=grid, images=names, snr=snr, sbr=sbr, progress=report

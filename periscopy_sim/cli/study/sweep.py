@@ -90,7 +90,7 @@ def sweep(
     light.check_methods(*names)
     shown = _shown(session, truth or hidden_image or [], "--truth" if truth else "--hidden-image")
     wall = None if photograph is None else session.wall(photograph)
-    mask, monitor_off = session.companions()
+    mask, monitor_off = session.companions() if wall is None else (None, None)
     watcher = SweepForecast(session, thread_count(scheduler))
     results = ps.sweep(
         session.lit(light), shown, out, methods=names, ambient=places, flips=flips,

@@ -59,11 +59,14 @@ class Background:
         whole.
     brightness_error
         Relative standard error of that factor; the root of both squares' sum is the whole error.
+    warnings
+        What the reader of a photograph's file had to assume, one line each.
     """
 
     photograph: Array = field(repr=False)
     relative_error: float
     brightness_error: float
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)
 
 
 def render_background(

@@ -100,6 +100,16 @@ def test_surface_whose_light_is_below_the_noise_is_warned_of(tmp_path, capfd):
     assert "hardly shows monitor" not in " ".join(session.warnings)
 
 
+def test_file_of_a_matrix_that_cannot_be_fitted_is_named(periscopy, tmp_path):
+    np.save(tmp_path / "y.npy", np.random.default_rng(0).random((24, 24, 3)) + 1)
+    np.save(tmp_path / "A.npy", np.ones((576, 20), np.float32))
+    outcome = periscopy(
+        "reconstruct", "y.npy", "--scene", "chair", "-D", "resolution=24", "--hidden", "4x5",
+        "--transport", "A.npy", "--method", "preconditioned", "--out", "out",
+    )  # fmt: skip
+    assert outcome.code == 2 and "error: A.npy: " in outcome.err
+
+
 def test_glossy_surface_is_named(tmp_path, capfd):
     path = write_cards(tmp_path)
     bsdf = '<bsdf type="twosided"><bsdf type="roughconductor"/></bsdf></shape>\n</scene>'
