@@ -136,7 +136,14 @@ class Scenario(Geometry):
             raise PeriscopyError(
                 "A of your own is of one scene; to move it, leave out Light.matrix"
             )
-        return super().at(**values)
+        moved, carried = super().at(**values), self.document.defaults.get(CALIBRATED)
+        return moved if carried is None else moved._carrying(carried)
+
+    def _carrying(self, covariance: str) -> Self:
+        """Return the scenario with what a calibration knows of it, as its text."""
+        defaults = {**self.document.defaults, CALIBRATED: covariance}
+        scene = replace(self.scene, document=replace(self.document, defaults=defaults))
+        return replace(self, view=replace(self.view, scene=scene))
 
     # -- matrices ----------------------------------------------------------------------------------
 
@@ -481,9 +488,7 @@ class Scenario(Geometry):
         found = calibrate(photograph, self.scene, self.hidden.shapes, **options)
         free = replace(self, light=replace(self.light, matrix=None, record={}))
         moved = free.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
-        carried = {**moved.document.defaults, CALIBRATED: found.scene_covariance.text()}
-        scene = replace(moved.scene, document=replace(moved.document, defaults=carried))
-        return replace(found, scenario=replace(moved, view=replace(moved.view, scene=scene)))
+        return replace(found, scenario=moved._carrying(found.scene_covariance.text()))
 
     # -- judgements --------------------------------------------------------------------------------
 

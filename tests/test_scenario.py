@@ -2,6 +2,7 @@ import operator
 import pickle
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import periscopy_sim as ps
+from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import add_noise
 from periscopy_sim.memo import Memo
@@ -257,3 +259,28 @@ def test_a_photograph_says_what_the_reader_of_its_light_assumed(tmp_path):
     np.save(tmp_path / "light.npy", np.full((24, 24, 3), 200, np.uint8))
     y = chair().photograph(np.ones((4, 5, 3)), ambient=tmp_path / "light.npy", sbr=1, bounces=1)
     assert "light.npy" in y.warnings[0]
+
+
+@pytest.mark.usefixtures("jit")
+def test_what_a_calibration_knows_moves_with_the_scenario(monkeypatch):
+    """Its errors count, or are said to be of other values, instead of the ruler's."""
+    known = SceneCovariance(("occluder_dx",), np.array([0.01]), np.eye(1) * 1e-6, True, np.zeros(1))
+    found = SimpleNamespace(values={"occluder_dx": 0.01}, scene_covariance=known, scenario=None)
+    monkeypatch.setattr("periscopy_sim.calibration.calibrate.calibrate", lambda *_, **__: found)
+    monkeypatch.setattr("periscopy_sim.scenario.replace", replaced(found))
+    scenario = chair().calibrate(np.ones((24, 24, 3))).scenario
+    assert scenario.uncertainty()[0].names == ("occluder_dx",)
+    assert scenario.at(monitor_dx=0.002).uncertainty()[0].names == ("occluder_dx",)
+    codes = [note.code for note in scenario.at(occluder_dx=0.0).uncertainty()[1]]
+    assert codes == ["uncounted"]
+
+
+def replaced(stand_in):
+    """Return `replace` that also sets a value of a stand-in."""
+
+    def set_or_replace(value, **changes):
+        if value is stand_in:
+            return SimpleNamespace(**{**vars(value), **changes})
+        return replace(value, **changes)
+
+    return set_or_replace
