@@ -31,9 +31,9 @@ print(A.shape, B.shape)
 # %%
 # The photograph
 # --------------
-# The photograph has finer shadows than :math:`A`, and light that bounces. The sky is one of ten places
-# that ship. ``sbr`` is the monitor's light over the sky's, ``snr`` the photograph over its noise, in
-# dB.
+# The photograph has finer shadows than :math:`A`, and light that bounces. The sky is one of ten
+# places that ship. ``sbr`` is the monitor's light over the sky's, ``snr`` the photograph over its
+# noise, in dB.
 
 truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
 signal = ps.render_photograph(scene, truth)
