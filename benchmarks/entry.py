@@ -15,7 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.cases import Case, case
 from benchmarks.suites import SUITES
-from periscopy_sim.evaluation.methods import MethodError, without_addresses
+from periscopy_sim.methods import without_addresses
+from periscopy_sim.own_code import OwnError
 
 Recover = Callable[[Any], Any]
 """Takes a photograph, (rows, columns, 3); returns the hidden image, (R, C, 3)."""
@@ -118,7 +119,7 @@ def outcome(entry: Entry, case: Case) -> Outcome:
         try:
             method = entry.fit(case.scenario, case.A.copy(), case.B.copy())
             recover = entry.frames(method) if case.suite.frames else method.reconstruct
-        except MethodError as error:
+        except OwnError as error:
             count = len(case.names)
             done.images, done.seconds = [None] * count, [float("nan")] * count
             done.failures = [f"cannot be fitted: {_told(error)}"] * count
@@ -129,7 +130,7 @@ def outcome(entry: Entry, case: Case) -> Outcome:
             try:
                 image, failure = recover(photograph.copy()), ""
                 image = None if image is None else np.asarray(image)
-            except MethodError as error:
+            except OwnError as error:
                 image, failure = None, _told(error)
             done.seconds.append(time.perf_counter() - start)
             done.images.append(image)

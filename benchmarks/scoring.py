@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.evaluation.methods import promised
+from periscopy_sim.methods import promised
 
 DRAWS = 2000
 LEVEL = 0.95

@@ -6,7 +6,7 @@ What takes long to render is kept in the folder of the run and read again by the
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.registry import METHODS
+from periscopy_sim.reconstruction.registry import RAYS
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.scene.checks import check_media
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
-from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import scene_sha256
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -55,50 +54,56 @@ class Measured:
 
 @dataclass(eq=False)
 class FittedScene:
-    """A scene at one resolution, and what is made from it, each when first asked."""
+    """A scene at one resolution, and what is made from it, each when first asked.
+
+    By default A has random rays, as the paper's method wants.
+    """
 
     scene: str | Path  # its file, or a shipped one's name
     hidden: tuple[int, int]  # (R, C) of the hidden image
-    seed: int = 0  # of the shadow rays
+    seed: int = 0
     parameters: Mapping[str, str | float] | None = None  # values of the scene's ``<default>``s
     photograph_shape: tuple[int, int] | None = None  # of the photograph; None for the film's own
+    light: ps.Light = ps.Light(samples=RAYS)  # noqa: RUF009  it is frozen
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The scene as arrays."""
+        """The scene, which makes A, B, photographs and methods."""
         return ps.load_scenario(
-            find_scene(self.scene), self.hidden, self.parameters, photograph=self.photograph_shape
-        )
+            find_scene(self.scene), self.hidden, self.parameters,
+            photograph=self.photograph_shape, light=self.light, seed=self.seed,
+        )  # fmt: skip
 
-    @cached_property
+    @property
     def A(self) -> NDArray[np.float32]:  # noqa: N802 (the paper's name)
         """(M, N) light transport matrix."""
-        return ps.render_transport(self.scenario, seed=self.seed)
+        A: NDArray[np.float32] = self.scenario.A
+        return A
 
-    @cached_property
+    @property
     def B(self) -> Array:  # noqa: N802
         """(M, 512) the paper's point lights (Sec. 3.1)."""
-        return ps.point_light_backgrounds(self.scenario)
+        B: Array = self.scenario.B
+        return B
 
-    @cached_property
-    def preconditioned(self) -> ps.Periscope:
+    @property
+    def preconditioned(self) -> Any:
         """The paper's method, fitted, P explicit."""
-        return ps.Periscope.for_scene(self.scenario, self.A, self.B)
+        return self.method("preconditioned")
 
-    @cached_property
-    def noise_aware(self) -> ps.NoiseAware:
+    @property
+    def noise_aware(self) -> Any:
         """The noise-aware method, fitted."""
-        return ps.NoiseAware.for_scene(self.scenario, self.A, self.B)
+        return self.method("noise-aware")
 
-    @cached_property
-    def differencing(self) -> Any:
-        """The method of [15], run to convergence, fitted."""
-        return METHODS["differencing"](self.scenario, self.A, self.B)
+    def method(self, name: str, photograph: ps.Photograph | None = None) -> Any:
+        """Return a method, fitted to the scene as if its numbers had no errors."""
+        return self.scenario.method(name, photograph, errors={})
 
 
-def chair(hidden: tuple[int, int], seed: int = 0) -> FittedScene:
-    """Return the chair scene at one resolution."""
-    return FittedScene("chair", hidden, seed)
+def chair(hidden: tuple[int, int], seed: int = 0, **options: Any) -> FittedScene:
+    """Return the chair scene at one resolution; the options are those of `FittedScene`."""
+    return FittedScene("chair", hidden, seed, **options)
 
 
 class Setting(FittedScene):
@@ -123,10 +128,10 @@ class Setting(FittedScene):
         if self.real is not None:
             signal = ps.read_photograph(self.real, self.scenario.photograph_shape).values
             return Measured(signal, ps.read_hidden_image(self.real, self.hidden), "real")
-        truth = ps.read_hidden_image(ps.find_image(self.image), self.hidden)
+        truth = self.scenario.image(self.image)
 
         def render() -> Array:
-            return ps.render_photograph(self.scenario, truth, seed=self.seed)
+            return self.scenario.photograph(truth).values
 
         return Measured(self.kept(self.image, "chair", render), truth, "rendered")
 
@@ -139,10 +144,8 @@ class Setting(FittedScene):
 
     def backgrounds(self, names: Sequence[str] = REALISTIC) -> dict[str, Array]:
         """Photographs of the board under ambient light: the realistic conditions, or others."""
-        lit = ambient_photographs(
-            names, self.scenario, self.rendered, self.seed, target=AMBIENT_ERROR
-        )
-        return {name: light.photograph for name, light in lit.items()}
+        ambient = partial(self.scenario.ambient, target=AMBIENT_ERROR)
+        return {name: ambient(name).photograph for name in names}
 
     @property
     def adversarial(self) -> dict[str, Array]:

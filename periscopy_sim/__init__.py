@@ -4,9 +4,22 @@ The public names, listed in ``__init__.pyi``, are loaded when first used, so tha
 package imports no renderer.
 """
 
+from typing import Any
+from warnings import warn
+
 import lazy_loader
 
 try:
-    __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+    _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 except ValueError:
     raise ImportError(f"{__file__} is in an archive; unpack it, scenes are files too") from None
+
+_FORMER = {"World", "Sweep", "run_sweep"}
+"""Names that version 0.3 has no more, for which `sweep` serves."""
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name."""
+    if name in _FORMER:
+        warn(f"use ps.sweep; ps.{name} goes in 0.3", DeprecationWarning, stacklevel=2)
+    return _load(name)

@@ -14,8 +14,8 @@ from .dataset.make import make_dataset
 from .dataset.reading import open_dataset
 from .dataset.torch_dataset import TorchDataset
 from .errors import PeriscopyError
-from .evaluation.diagnostics import diagnose
-from .evaluation.methods import find_method
+from .evaluation.design import design
+from .evaluation.diagnostics import analyze, diagnose
 from .evaluation.metrics import (
     colour_matched_psnr,
     gain_matched,
@@ -24,13 +24,16 @@ from .evaluation.metrics import (
     psnr_gain_matched,
     registered,
 )
+from .evaluation.study import sweep
 from .evaluation.sweep import Sweep, run_sweep
 from .evaluation.world import World, flips
 from .figures.display import save_png, show, to_srgb
+from .figures.laboratory.projections import draw
 from .hidden import Hidden, Surface
-from .laboratory.build import build_laboratory
+from .laboratory.build import build_laboratory, lab
 from .live.watch import watch
 from .measurement import Sensor, add_noise, composite
+from .methods import find_method
 from .model.uncertainty import UncertainTransport
 from .photograph import ColourMatrix, Photograph
 from .photographs.defects import defective_pixels
@@ -50,7 +53,7 @@ from .reconstruction.preconditioned.video import Video
 from .reconstruction.total_variation.prox import prox_total_variation
 from .rendering.ambient.background import Background, render_background
 from .rendering.photograph import render_photograph
-from .rendering.scene.load import load_scenario, load_scene
+from .rendering.scene.load import load_scene
 from .rendering.transport.bounced import (
     BouncedLight,
     BouncedTransport,
@@ -60,7 +63,7 @@ from .rendering.transport.bounced import (
 from .rendering.transport.plan import transport
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
-from .scenario import Scenario
+from .scenario import Light, Scenario, load_scenario
 from .scene import Scene
 from .shipped import find_image, find_scene
 from .storage.photographs import read_mask, read_photograph, read_sensor_image
@@ -81,6 +84,7 @@ __all__ = [
     "IterativePeriscope",
     "IterativeReconstruction",
     "Learned",
+    "Light",
     "NoiseAware",
     "NoiseAwareReconstruction",
     "NoiseAwareVideo",
@@ -109,13 +113,16 @@ __all__ = [
     "add_bounces",
     "add_noise",
     "analytic_transport",
+    "analyze",
     "build_laboratory",
     "calibrate",
     "colour_matched_psnr",
     "composite",
     "defective_pixels",
+    "design",
     "develop",
     "diagnose",
+    "draw",
     "fetch",
     "find_image",
     "find_method",
@@ -123,6 +130,7 @@ __all__ = [
     "flips",
     "form_preconditioner",
     "gain_matched",
+    "lab",
     "load_configuration",
     "load_scenario",
     "load_scene",
@@ -154,6 +162,7 @@ __all__ = [
     "run_sweep",
     "save_png",
     "show",
+    "sweep",
     "to_srgb",
     "transport",
     "transport_operator",

@@ -60,6 +60,34 @@ class DatasetError(PeriscopyError):
     """An archive that is not a data set, or not a whole one."""
 
 
+_WORDS = {
+    r"Input should be a valid integer.*": "write a whole number",
+    r"Input should be a valid number.*": "write a number",
+    r"Input should be a valid boolean.*": "write true or false",
+    r"Input should be a valid string.*": "write a text",
+    r"Input should be a valid (tuple|list).*": "write a list",
+    r"Input should be a valid (dict|mapping).*": "write entries below it",
+    r"Input should be greater than or equal to (.*)": r"give at least \1",
+    r"Input should be less than or equal to (.*)": r"give at most \1",
+    r"Input should be (greater|less) than (.*)": r"give a number \1 than \2",
+    r"Input should be ": "write ",
+    r"Input tag ('.*') found using '(\w+)' does not match any of the expected tags: (.*)":
+        r"\2 \1 is unknown; there are \3",
+    r"Unable to extract tag using discriminator '(\w+)'": r"'\1' is missing",
+    r"Tuple should have at least (\d+) items? after validation.*": r"give at least \1 of them",
+    r"Field required": "is missing",
+    r"Value error, ": "",
+}  # fmt: skip
+"""What the validators of options and YAML say, and what it means."""
+
+
+def in_words(message: str) -> str:
+    """Return a validator's message as an instruction."""
+    for form, words in _WORDS.items():
+        message = re.sub(form, words, message)
+    return message
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the question for what is most like an unknown name; empty where nothing is."""
     from difflib import get_close_matches

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_numbers, plain_array
 from periscopy_sim.scene import MONITOR, Scene
 
 GAUSS = 0.5 / np.sqrt(3.0)
@@ -179,6 +179,9 @@ class Hidden(Mapping[str, Surface]):
         if isinstance(hidden, Hidden):
             return hidden
         sizes: Any = hidden if isinstance(hidden, Mapping) else {MONITOR: hidden}
+        for name, size in sizes.items():
+            if len(checked_numbers(size, f"the size of '{name}'", 1, whole=True)) != 2:
+                raise InputError(f"the size of '{name}' is {size}: give (rows, columns)")
         return cls({name: Surface.flat((int(R), int(C))) for name, (R, C) in sizes.items()})
 
     def __getitem__(self, name: str) -> Surface:
@@ -288,7 +291,7 @@ class Hidden(Mapping[str, Surface]):
                 f"there are images of {', '.join(images)}, the hidden surfaces are "
                 f"{', '.join(self)}; give an image of each by its id"
             )
-        return {name: np.asarray(images[name]) for name in self}
+        return {name: plain_array(images[name], f"the image of '{name}'") for name in self}
 
     def vector(self, image: "Image | Mapping[str, Image]") -> NDArray[Any]:
         """Return an image, (R, C, ...), or a mapping of such by id, as (N, ...): see `image`."""

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.limits import SMALLEST
+from periscopy_sim.numerics.validation import InputError, checked_number, plain_array
 
 
 def composite(signal: Image, background: Image, sbr: float) -> Array:
@@ -26,11 +27,13 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     ndarray
         (rows, columns, channels), scaled to a mean of 1.
     """
-    signal, background = np.asarray(signal, np.float64), np.asarray(background, np.float64)
+    signal, background = (
+        plain_array(each, name).astype(np.float64)
+        for each, name in ((signal, "the signal"), (background, "the background"))
+    )
     if signal.shape != background.shape:
         raise InputError(f"signal {signal.shape} and background {background.shape} differ in shape")
-    if not sbr > 0:
-        raise InputError(f"the signal-to-background ratio must be positive, not {sbr}")
+    sbr = checked_number(sbr, "sbr", SMALLEST, math.inf)
     if not (signal.mean() > 0 and background.mean() > 0):
         raise InputError("signal and background must have a positive mean")
     total = signal / signal.mean() + background / (background.mean() * sbr)
@@ -61,7 +64,7 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
     seed
         Seed of the noise.
     """
-    photograph = np.asarray(photograph)
+    photograph, seed = plain_array(photograph), int(checked_number(seed, "seed", 0, whole=True))
     noise = np.random.default_rng(seed).standard_normal(photograph.shape)
     noise *= noise_level(photograph, snr)
     noise += photograph
@@ -70,9 +73,10 @@ def add_noise(photograph: Image, snr: float, seed: int) -> Array:
 
 def noise_level(photograph: Image, snr: float) -> float:
     """Return the standard deviation of what `add_noise` adds, at a finite SNR in dB."""
-    if not np.isfinite(snr):
-        raise InputError(f"the signal-to-noise ratio must be finite, not {snr} dB")
-    return float(10 ** (-snr / 20) * np.sqrt(np.mean(np.square(photograph, dtype=np.float64))))
+    return float(
+        10 ** (-checked_number(snr, "snr") / 20)
+        * np.sqrt(np.mean(np.square(photograph, dtype=np.float64)))
+    )
 
 
 def noise_to_signal(snr: float, sbr: float) -> float:
@@ -127,6 +131,8 @@ class Sensor:
     frames: int = 1
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            checked_number(value, f"{name} of the sensor")
         well, frames = self.full_well, float(self.frames)
         valid = {
             "full_well": (0 < well < math.inf, "a positive number"),

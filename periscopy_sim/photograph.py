@@ -88,6 +88,8 @@ class Photograph:
         the identity.
     warnings : tuple of str
         What the reader had to assume or leave out, one line each.
+    relative_error : float or None
+        A rendered photograph's own error before noise, over its root mean square; else None.
     """
 
     values: Array
@@ -95,6 +97,7 @@ class Photograph:
     monitor_off: Mapping[str, Array] = field(default_factory=dict)
     colour_matrix: ColourMatrix | None = None
     warnings: tuple[str, ...] = ()
+    relative_error: float | None = None
 
     def __post_init__(self) -> None:
         for name, light in self.monitor_off.items():

@@ -1,28 +1,95 @@
-"""A view and the hidden surfaces of one scene under one name."""
+"""The one door: from a scene's scenario come A, B, photographs, methods and judgements."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from periscopy_sim.errors import SceneError
-from periscopy_sim.hidden import Hidden, Size
-from periscopy_sim.numerics import Array
-from periscopy_sim.scene import Scene, SceneDocument
-from periscopy_sim.view import View
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.geometry import Geometry
+from periscopy_sim.hidden import Sizes
+from periscopy_sim.memo import Memo
+from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.limits import checked
+from periscopy_sim.photograph import ColourMatrix, Photograph
+from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
+from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
 
-FARTHEST = 1e3
-"""Distance from the origin over the longer side of what the camera sees of the wall: there single
-precision makes an error of 1e-3 in A, as much as the noise of a 60 dB photograph."""
+if TYPE_CHECKING:
+    from periscopy_sim.calibration.result import Calibration
+    from periscopy_sim.methods import Name
+    from periscopy_sim.model.uncertainty import UncertainTransport
+    from periscopy_sim.reconstruction.method import Note, Report, StillMethod
+    from periscopy_sim.rendering.ambient.background import Background
+    from periscopy_sim.rendering.transport.bounced import BouncedTransport
+    from periscopy_sim.rendering.transport.kernel import Strata
+    from periscopy_sim.rendering.transport.plan import By, TransportPlan
+
+Progress = Callable[[float], None]
+"""Called with the fraction done."""
+
+SIGNIFICANT = 3.0
+"""Standard deviations of the noise of all pixels' mean that a white surface's light exceeds."""
+
+TARGET = 3e-4
+"""Relative error of a pixel of ambient light: below a third of the noise of 60 dB."""
+
+LEAST_LIGHT = 0.25
+"""Mean of P A f of a white f, by other rays, below which it is A's grain that has rank. By 16 rays
+it is 0.7 to 1 on chair, plate, plant and corner, 0.04 to 0.19 on the doorway."""
 
 
 @dataclass(frozen=True, eq=False)
-class Scenario:
-    """What a camera sees of the wall, and the hidden patches: the rows and the columns of A.
+class Light:
+    """How the light of a scenario is computed.
 
-    M is the number of pixels of the view, N the number of patches of the hidden image; both are
-    row-major with row 0 at the top.
+    Attributes
+    ----------
+    by
+        ``"areas"`` or ``"rays"``; None takes areas where the scene has them.
+    samples
+        Rays from the centre of each pixel to each patch; None lets the photographs' noise decide.
+    bounces
+        Most reflections of a path in A: 1 is direct light, None any number.
+    ambient
+        The columns of B, (M, L) arrays side by side; None stands for Eq. 4 on the paper's grid.
+    strata
+        How rays spread over a patch, see `render_transport`.
+    matrix, record
+        A of your own in place of a computed one, and what its file says of its origin. It is of the
+        scene's present values: `Scenario.at` rejects it.
+    """
+
+    by: "By | None" = None
+    samples: int | None = None
+    bounces: int | None = 1
+    ambient: tuple[Image | None, ...] = (None,)
+    strata: "Strata" = "jittered"
+    matrix: "NDArray[Any] | BouncedTransport | None" = None
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.by not in (None, "areas", "rays"):
+            raise PeriscopyError(
+                f"by '{self.by}': light comes by areas or by rays, or None chooses"
+            )
+        if self.samples is not None:
+            checked("samples", self.samples, "rays")
+        if self.bounces is not None:
+            checked("bounces", self.bounces, "samples")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scenario(Geometry):
+    """A scene, what a camera sees of its wall, and hidden patches: everything is made from it.
+
+    What is made is kept by all that it depends on (see `Memo`), and made as finely as it serves.
+    `at` returns the same scenario with other values of the scene's parameters; both share what they
+    keep.
 
     Attributes
     ----------
@@ -30,6 +97,12 @@ class Scenario:
         What the camera sees of the wall.
     hidden
         The hidden surfaces in patches.
+    light
+        How A and B are computed.
+    seed
+        Seed of whatever is rendered.
+    memo
+        Keeps what was made.
 
     Raises
     ------
@@ -38,115 +111,551 @@ class Scenario:
         of a hidden surface no patch faces what the camera sees of the wall.
     """
 
-    view: View
-    hidden: Hidden
+    light: Light = field(default_factory=Light)
+    seed: int = 0
+    memo: Memo = field(default_factory=Memo, repr=False)
 
-    def __post_init__(self) -> None:
-        for name in self.hidden:
-            if name not in self.scene.emission:
-                known = ", ".join(self.scene.emission)
-                raise SceneError(f"scene '{self.path}' has hidden surfaces {known}, no '{name}'")
-        points, normals = self.view.centers, self.view.center_normals
-        rows, columns = self.view.shape
-        ends = self.view.corners[1]
-        corners = [ends[k] for k, size in ((1, columns), (3, rows)) if size > 1]
-        sides = [float(np.linalg.norm(end - ends[0])) for end in corners]
-        far = np.abs(np.concatenate([points, self.hidden.centers])).max()
-        if sides and (far > FARTHEST * max(sides) or 0 in sides):
-            raise SceneError(
-                f"scene '{self.path}': wall or monitor are {far:.3g} from the origin, and the "
-                f"camera sees {max(sides):.3g} of the wall: too far for float32. Move the scene to "
-                "the origin, or widen the camera's view"
-            )
-        # Of a plane wall, a corner of the photograph sees what any of its pixels sees.
-        points = np.concatenate([points, ends])
-        normals = np.concatenate([normals, np.tile(normals.mean(axis=0), (len(ends), 1))])
-        for name, surface in self.hidden.items():
-            for center, normal in zip(surface.centers, surface.normals, strict=True):
-                way = center - points
-                if ((way @ normal < 0) & (np.sum(normals * way, axis=1) > 0)).any():
-                    break
-            else:
-                raise SceneError(
-                    f"scene '{self.path}': hidden surface '{name}' faces away from the wall that "
-                    "the camera sees, or is behind it; turn it round, flip its normals "
-                    "(flip_normals), or move it"
-                )
-
-    def at(self, **values: str | float) -> "Scenario":
-        """Return the same scenario with other values for its file's ``<default>``s: `Scene.at`.
+    def at(self, **values: str | float) -> Self:
+        """Return the same with other values for its file's ``<default>``s: `Scene.at`.
 
         Where things merely move, and no shape comes near the camera's view, this takes a few
-        milliseconds.
+        milliseconds. A PeriscopyError says that the light has an A of its own, of these values.
         """
-        scene = self.scene.at(**values)
-        return Scenario(
-            self._seen(scene, self.view.across), Hidden.of_scene(scene, self.hidden.shapes)
+        if self.light.matrix is not None:
+            raise PeriscopyError(
+                "A of your own is of one scene; to move it, leave out Light.matrix"
+            )
+        return super().at(**values)
+
+    # -- matrices ----------------------------------------------------------------------------------
+
+    @property
+    def A(self) -> Any:  # noqa: N802  the symbol
+        """(M, N) the light transport matrix, as fine as photographs of 60 dB need.
+
+        It is kept: copy it before you write into it.
+        """
+        return self.transport()
+
+    @property
+    def B(self) -> Any:  # noqa: N802  the symbol
+        """(M, L) the light of lamps on the wall: Eq. 4 on the paper's grid, or `Light.ambient`."""
+        from periscopy_sim.analytic.point_light import point_light_backgrounds
+
+        def make() -> Any:
+            eq4, pixels = partial(point_light_backgrounds, self), self.transport_shape[0]
+            for own in self.light.ambient:
+                if own is not None and own.shape[:1] != (pixels,):
+                    raise PeriscopyError(f"B has shape {own.shape}; give it {pixels} rows")
+            return np.hstack([eq4() if B is None else B for B in self.light.ambient])
+
+        return self.memo(
+            ("B", self._wall_digest, self._light_key), make, 4 * 512 * self.transport_shape[0]
         )
 
-    def averaged(self, across: int) -> "Scenario":
-        """Return the scenario with each pixel averaged over so many points along each side."""
-        if across == self.view.across:
-            return self
-        return replace(self, view=self._seen(self.scene, across))
+    def plan(self, noise: float | None = None, method: "Name" = DEFAULT) -> "TransportPlan":
+        """Return how A is made for photographs of some noise over their mean, and its own error.
 
-    def _seen(self, scene: Scene, across: int) -> View:
-        """Return the view of a scene in the same pixels."""
-        own = self.view
-        shape = own.shape if own.is_cut else None
-        view = View.of(scene, shape, across=across, camera=own.camera)
-        return view if own.pixels is None else view.of_pixels(own.pixels)
+        A method whose entry asks for rays gets them. A noise of None is that of 60 dB.
+        """
+        plan: TransportPlan = self._planned(noise, method)[0]
+        return plan
 
-    def __repr__(self) -> str:
-        """Return its file, sizes and parameters on one line."""
-        given = "".join(f", {name}={value}" for name, value in self.parameters.items())
-        rows, columns = self.photograph_shape
+    def _planned(self, noise: float | None, method: "Name") -> Any:
+        from periscopy_sim.methods import entry_of
+        from periscopy_sim.rendering.transport.plan import NOISE, TransportPlan, planned
+
+        light = self.light
+        if light.matrix is not None:
+            error = light.record.get("transport_error")
+            return TransportPlan(np.nan if error is None else error, is_given=True), None
+        entry = entry_of(method)
+        wants_rays = entry is not None and entry.rays and light.by is None
+        samples = light.samples or (RAYS if wants_rays else None)
+        noise = NOISE if noise is None else noise
+        key = "plan", self._digest, self.seed, noise, light.by, samples
+        plan = partial(planned, self, noise, by=light.by, samples=samples, seed=self.seed)
+        return self.memo(key, plan, self._bytes)
+
+    def transport(
+        self,
+        noise: float | None = None,
+        method: "Name" = DEFAULT,
+        *,
+        progress: Progress | None = None,
+    ) -> "NDArray[np.float32] | BouncedTransport":
+        """Return A, (M, N) float32, made by `plan`; with bounces, the matrices of all channels.
+
+        Raises
+        ------
+        SceneError
+            If no light of the monitor reaches the wall, or areas are asked for and the scene has
+            none.
+        VariantError
+            If rays are needed in a scalar variant.
+        """
+        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces
+
+        light, seed = self.light, self.seed
+        if light.matrix is not None:
+            return light.matrix
+        plan, made = self._planned(noise, method)
+
+        def make() -> Any:
+            strata = {"strata": light.strata}
+            A = plan.transport(self, made, **strata, seed=seed, progress=progress)
+            return A if light.bounces == DIRECT else add_bounces(self, A, light.bounces, seed=seed)
+
+        key = "A", self._digest, seed, plan, light.strata, light.bounces
+        A: NDArray[np.float32] | BouncedTransport = self.memo(key, make, self._bytes)
+        return A
+
+    def transport_of(
+        self, images: Array, noise: float
+    ) -> "tuple[float, NDArray[np.float32] | BouncedTransport]":
+        """Return the error of the light of some images, (K, N, C), and an A as fine as they need.
+
+        Small bright details err more than the white light that `plan` looks at.
+        """
+        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces
+        from periscopy_sim.rendering.transport.plan import planned_for
+
+        light, seed = self.light, self.seed
+        error, A = planned_for(images, self, noise, samples=light.samples, seed=seed)
+        if light.bounces == DIRECT:
+            return error, A
+        return error, add_bounces(self, A, light.bounces, seed=seed)
+
+    # -- photographs -------------------------------------------------------------------------------
+
+    def image(self, names: str | Path | Mapping[str, str]) -> Any:
+        """Read the hidden image, (R, C, 3), of a file or a shipped picture, in these patches.
+
+        Of several surfaces it is a mapping by id; one name is shown by all of them.
+        """
+        from periscopy_sim.shipped import find_image
+        from periscopy_sim.storage.pictures import read_hidden_image
+
+        by_id = names if isinstance(names, Mapping) else dict.fromkeys(self.hidden, str(names))
+        shapes = self.hidden.shapes.items()
+        files = {name: (find_image(by_id[name]), shape) for name, shape in shapes}
+
+        def make() -> Any:
+            return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
+
+        changed = [file.stat().st_mtime_ns for file, _ in files.values()]
+        return self.memo(("image", *files.items(), *changed), make, 24 * self.hidden.patches)
+
+    def ambient(
+        self, name: str | Path, *, target: float = TARGET, progress: Any = None
+    ) -> "Background":
+        """Return ambient light on the wall, of a shipped condition or a scene file, and its error.
+
+        It is rendered once for a wall, and kept in the user's cache. A photograph's file has no
+        known error. `target` is the relative error of a pixel to reach.
+        """
+        from periscopy_sim.rendering.ambient.background import Background
+        from periscopy_sim.storage import ambient_library as library
+        from periscopy_sim.storage.photographs import read_photograph
+
+        if library.is_photograph(str(name)):
+            photograph = read_photograph(Path(name), self.photograph_shape)
+            return Background(photograph.values, 0.0, 0.0, warnings=photograph.warnings)
+        shown = {} if progress is None else {"progress": progress}
+        path = library.find_condition(str(name))
+        make = partial(library.ambient_light, path, self, self.seed, target=target, **shown)
+        key = "ambient", library.cached_light(path, self, self.seed, target)
+        return self.memo(key, make, 8 * self.view.channel_gain.shape[-1] * len(self.view.centers))
+
+    def photograph(
+        self,
+        image: Any,
+        *,
+        ambient: str | Path | None = None,
+        sbr: float | None = None,
+        snr: float | None = None,
+        bounces: int | None = None,
+        samples: int | None = None,
+        target: float = TARGET,
+        colour_matrix: ColourMatrix | None = None,
+        progress: Progress | None = None,
+    ) -> Photograph:
+        """Render the photograph of the wall while the hidden surfaces show an image.
+
+        Parameters
+        ----------
+        image
+            (R, C, 3) linear radiance along the normal, of any R and C; of several surfaces a
+            mapping of such by id.
+        ambient, sbr, target
+            Ambient light, see `ambient`, the signal-to-background ratio, and the light's error.
+        snr
+            Signal-to-noise ratio, in dB, of the noise that is added. The photograph's own error is
+            at most a third of it, within a budget. None adds none, and renders for 60 dB.
+        bounces
+            Reflections that a path may have: 1 is direct light, None any number.
+        samples
+            Camera samples a pixel of Mitsuba's path tracer; None lets `snr` decide.
+        colour_matrix
+            From the scene's channels, in which light is rendered, to the camera's.
+        progress
+            Called with the fraction done.
+
+        Returns
+        -------
+        Photograph
+            Its `relative_error` is its own error before noise, over its root mean square; one of
+            its `warnings` says where this exceeds a third of the noise.
+
+        Raises
+        ------
+        PeriscopyError
+            If `ambient` and `sbr` do not go together, or there is no such light.
+        """
+        from periscopy_sim.measurement import add_noise, composite, composite_error, noise_to_signal
+        from periscopy_sim.rendering.photograph import SNR, excess_of, rendering_of
+        from periscopy_sim.storage.ambient_library import is_photograph
+
+        if (ambient is None) != (sbr is None):
+            raise PeriscopyError("ambient light and an SBR go together; give both or neither")
+        for name, value, kind in (("snr", snr, "decibels"), ("sbr", sbr, "ratio")):
+            if value is not None:
+                checked(name, value, kind)
+        mixed = np.asarray if colour_matrix is None else colour_matrix.mix
+        light = None if ambient is None else self.ambient(ambient, target=target)
+        purpose = SNR if snr is None else snr
+        noise = noise_to_signal(purpose, np.inf)
+        if sbr is not None:
+            # Light that ambient light outshines may err more; both together have a third.
+            noise = noise_to_signal(purpose, sbr) / np.sqrt(2)
+        rendered = rendering_of(
+            self, image, snr=-20 * np.log10(noise), samples=samples, bounces=bounces,
+            seed=self.seed, progress=progress,
+        )  # fmt: skip
+        y, error = mixed(rendered.photograph), rendered.relative_error
+        if light is not None and sbr is not None:
+            is_seen = is_photograph(str(ambient))  # in the camera's channels
+            behind = light.photograph if is_seen else mixed(light.photograph)
+            error = composite_error(y, behind, sbr, error, light.relative_error)
+            y = composite(y, behind, sbr)
+        y = y if snr is None else add_noise(y, snr, self.seed)
+        lines = excess_of(error, purpose) if samples is None or snr is not None else ()
+        lines = (*(light.warnings if light else ()), *lines)
+        return Photograph(y, colour_matrix=colour_matrix, warnings=lines, relative_error=error)
+
+    # -- methods -----------------------------------------------------------------------------------
+
+    def method(
+        self,
+        name: "Name" = DEFAULT,
+        photograph: Photograph | Image | None = None,
+        *,
+        noise: float | None = None,
+        errors: Mapping[str, float] | None = None,
+        **settings: float,
+    ) -> "StillMethod[Any]":
+        """Return a method fitted to this scene and to the conditions of a photograph.
+
+        Parameters
+        ----------
+        name
+            A method of the package, or your own as ``file.py:callable`` or a callable of
+            (scenario, A, B); see `find_method`.
+        photograph
+            What the method is for: its noise says how fine A has to be, and the method uses its
+            mask, its photographs with the monitor off and its colour matrix.
+        noise
+            Noise of the photographs over their mean, in place of the photograph's.
+        errors
+            Standard errors of the scene's parameters, for methods that count them. None: those
+            that the scene declares or a calibration wrote; an empty mapping: none.
+        settings
+            The method's options, by their names.
+
+        Raises
+        ------
+        PeriscopyError
+            If there is no such method, it does not support these surfaces, or its A is of too few
+            rays to have a rank.
+        ValueError
+            If it cannot be fitted.
+        """
+        from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
+        from periscopy_sim.rendering.transport.bounced import channels_mean
+
+        source = source_sha256(name)  # rejects what is no method before anything is rendered
+        photograph = None if photograph is None else self._checked(photograph)
+        if noise is None and photograph is not None:
+            noise = self.noise(photograph)
+        plan, conditions = self.plan(noise, name), photograph and photograph.conditions
+        A, B = np.asarray(channels_mean(self.transport(noise, name))), self.B
+
+        def make() -> "StillMethod[Any]":
+            uncertain, _ = self.uncertainty(name, errors)
+            fitted = fit_method(name, self, A, B, photograph, uncertain, **settings)
+            fitted.name, fitted.plan = label_of(name), plan
+            pixels = np.ones(self.photograph_shape, bool)
+            self._check_rank(
+                fitted, plan.samples, pixels if photograph is None else photograph.pixels
+            )
+            return fitted
+
+        known = None if errors is None else tuple(sorted(errors.items()))
+        key = (
+            *("method", name, source, self._digest, self.seed, plan, conditions),
+            *(self._light_key, known, *sorted(settings.items())),
+        )
+        entry = entry_of(name) or METHODS[DEFAULT]
+        return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
+
+    @staticmethod
+    def noise(photograph: Photograph) -> float | None:
+        """Return the noise of a photograph over its mean, as its pixels show; None if they do not.
+
+        It is that of the channel with the least.
+        """
+        from periscopy_sim.model.noise import relative_noise
+
+        return relative_noise(photograph)
+
+    def uncertainty(
+        self,
+        method: "Name" = DEFAULT,
+        errors: Mapping[str, float] | None = None,
+    ) -> "tuple[UncertainTransport | None, list[Note]]":
+        """Return what errors of the scene do to light, for methods that count them, and notes.
+
+        None where there are none, the method counts none, or the scene has no closed form. The
+        errors are those of `method`.
+        """
+        from periscopy_sim.analytic.area_transport import has_areas
+        from periscopy_sim.calibration import moving_scene
+        from periscopy_sim.methods import entry_of
+
+        entry = entry_of(method)
+        if entry is None or not entry.uncertain:
+            return None, []
+        if errors is None:
+            return moving_scene.scene_uncertainty(self)
+        is_counted = bool(errors) and has_areas(self)
+        return (moving_scene.uncertain_transport(self, errors) if is_counted else None), []
+
+    def _check_rank(self, fitted: "StillMethod[Any]", samples: int | None, pixels: Any) -> None:
+        """Reject P of an A of some rays whose rank is but that of their grain: other rays prove it.
+
+        `samples` of None are of an A without grain.
+        """
+        from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
+
+        P = getattr(fitted, "preconditioner", None)
+        if samples is None or P is None:
+            return
+        others = RenderedTransport(self, samples, seed=self.seed + 1)
+        kept = float(P.apply(others.white(np.flatnonzero(pixels))).mean())
+        if kept < LEAST_LIGHT:
+            raise PeriscopyError(
+                f"scene '{self.path}': A has almost no rank beside the grain of {samples} rays, in "
+                f"which P loses {100 * min(1 - kept, 1):.0f} % of a white image; use the method "
+                f"{DEFAULT}, or more rays"
+            )
+
+    def calibrate(self, photograph: Any, **options: Any) -> "Calibration":
+        """Correct the measured values of the scene's parameters by photographs of its wall.
+
+        The options are the keywords of `periscopy_sim.calibrate`. The result's `scenario` has the
+        calibrated values, and methods fitted to it count what the calibration knows of them.
+        """
+        from periscopy_sim.calibration.calibrate import calibrate
+
+        options = {"camera": self.view.camera, "seed": self.seed, **options}
+        found = calibrate(photograph, self.scene, self.hidden.shapes, **options)
+        free = replace(self, light=replace(self.light, matrix=None, record={}))
+        moved = free.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
+        carried = {**moved.document.defaults, CALIBRATED: found.scene_covariance.text()}
+        scene = replace(moved.scene, document=replace(moved.document, defaults=carried))
+        return replace(found, scenario=replace(moved, view=replace(moved.view, scene=scene)))
+
+    # -- judgements --------------------------------------------------------------------------------
+
+    def check(self, method: "Name | None" = None) -> "list[Note]":
+        """Return notes on what the scene and its A lack, before anything is rendered.
+
+        The method is the one that A is for; ``""`` stands for A alone, None for no A.
+
+        Raises
+        ------
+        PeriscopyError
+            If the method does not support these surfaces, a library is missing, or A, and the
+            method fitted to it, need more memory than there is.
+        """
+        from periscopy_sim import judgement
+
+        return judgement.check(self, method)
+
+    def check_light(self, noise: float | None, method: "Name" = DEFAULT) -> "list[Note]":
+        """Return notes on A beside photographs of some noise: its error, surfaces hardly seen."""
+        from periscopy_sim import judgement
+        from periscopy_sim.methods import entry_of
+        from periscopy_sim.reconstruction.method import Note
+        from periscopy_sim.rendering.transport.bounced import channels_mean
+
+        light, notes = self.light, []
+        entry = entry_of(method)
+        has_grain = entry is not None and entry.rays  # a ridge for P
+        if light.matrix is not None or light.samples or light.by or not has_grain:
+            notes += judgement.check_error(self, self.plan(noise, method).origin, noise)
+        A = channels_mean(self.transport(noise, method))
+        white = A.sum(axis=0, dtype=np.float64) / (A.sum(dtype=np.float64) or 1.0)
+        least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))
+        for name, part in self.hidden.slices.items():
+            if (share := float(white[part].sum())) < least:
+                notes.append(Note("hardly_seen", {"name": name, "percent": 100 * share}))
+        return notes
+
+    def judge(
+        self,
+        photograph: Photograph | Image,
+        solution: Any,
+        method: "StillMethod[Any] | Name" = DEFAULT,
+        report: "Report | None" = None,
+    ) -> "Report":
+        """Return what can be known of a solution, and whether to trust it.
+
+        Parameters
+        ----------
+        photograph
+            The photograph that the solution is of.
+        solution
+            The method's `solve` of it.
+        method
+            The method, as `method` returned it, or its name if it had no settings.
+        report
+            The method's own report, if it was made already, as for several views.
+
+        Returns
+        -------
+        Report
+            Its `verdict` says whether the scene fits, its `remedies` what would help: each has
+            lowered the residual of this photograph when tried.
+        """
+        from periscopy_sim import judgement
+        from periscopy_sim.reconstruction.method import StillMethod
+        from periscopy_sim.rendering.transport.bounced import BouncedTransport
+
+        photograph = self._checked(photograph)
+        fitted: StillMethod[Any] = (
+            method if isinstance(method, StillMethod) else self.method(method, photograph)
+        )
+        report = fitted.report(photograph, solution) if report is None else report
+        images = self.hidden.split(fitted.fit.mixed(solution.image))
+        report, warnings = judgement.with_patches_tried(self, report, fitted, images), []
+        if self.light.bounces == 1 and not isinstance(self.light.matrix, BouncedTransport):
+            warnings = judgement.check_bounces(self, fitted, images, photograph, self.seed)
+        remedies = judgement.remedies_of(self, report, fitted, photograph)
+        return replace(report, warnings=[*report.warnings, *warnings], remedies=remedies)
+
+    def _checked(self, photograph: Photograph | Image) -> Photograph:
+        """Return a photograph of this camera's shape, from an array too."""
+        if isinstance(photograph, Photograph):
+            return photograph
+        return Photograph.of(photograph, self.photograph_shape)
+
+    # -- what things are kept by -------------------------------------------------------------------
+
+    @property
+    def _bytes(self) -> int:
+        """Bytes of an A."""
+        return 4 * int(np.prod(self.transport_shape))
+
+    @cached_property
+    def _wall_digest(self) -> tuple[str, ...]:
+        """What B depends on."""
+        return _sha256(_members(self.view))
+
+    @cached_property
+    def _digest(self) -> tuple[Any, ...]:
+        """What A depends on: the scene's files and values, the view and the patches."""
+        from periscopy_sim.storage.outputs.provenance import scene_sha256
+
+        view, surfaces = self.view, self.hidden.items()
+        document = scene_sha256(self.document) if self.document.files else ""
         return (
-            f"Scenario('{self.path}', {self.hidden.sizes} patches, {rows}x{columns} pixels, "
-            f"{len(self.view.occluders)} occluders{given})"
+            *(document, *sorted(self.document.values.items()), view.camera, view.shape),
+            *((name, *_sha256(_members(surface))) for name, surface in surfaces),
+            *((each.name, *_sha256(_members(each))) for each in view.occluders),
+            *self._wall_digest,
         )
 
     @property
-    def scene(self) -> Scene:
-        """The scene."""
-        return self.view.scene
+    def _light_key(self) -> tuple[Any, ...]:
+        """What A and B depend on beside the scene."""
+        light = self.light
+        own = _sha256(light.ambient)
+        return light.bounces, light.strata, own, None if light.matrix is None else light
 
-    @property
-    def document(self) -> SceneDocument:
-        """The Mitsuba scene file and what it declares."""
-        return self.scene.document
 
-    @property
-    def path(self) -> Path:
-        """The Mitsuba scene file."""
-        return self.scene.path
+def _members(value: Any) -> list[Any]:
+    """Return the fields' values of a dataclass, without what it has computed of them."""
+    return [getattr(value, each.name) for each in fields(value)]
 
-    @property
-    def parameters(self) -> Mapping[str, str]:
-        """Values given for the file's ``<default>``s."""
-        return self.scene.parameters
 
-    @property
-    def photograph_shape(self) -> Size:
-        """(rows, columns) of the photograph."""
-        return self.view.shape
+def _sha256(values: Iterable[Any]) -> tuple[str, ...]:
+    """Return the digests of those of some values that are arrays, and "" of others."""
+    from periscopy_sim.storage.outputs.provenance import array_sha256
 
-    @property
-    def hidden_shape(self) -> Size:
-        """(R, C) of the hidden image, of one surface."""
-        return self.hidden.shape
+    return tuple(array_sha256(v) if isinstance(v, np.ndarray) else "" for v in values)
 
-    @property
-    def channel_gain(self) -> Array:
-        """(3,) or (M, 3) the wall's colour, see `View`."""
-        return self.view.channel_gain
 
-    @property
-    def paint(self) -> Array:
-        """(M, 1) or (1, 1) the brightness of the wall in A and B, see `View`."""
-        return self.view.paint
+def load_scenario(
+    scene: str | Path | Scene,
+    hidden: Sizes,
+    parameters: Mapping[str, str | float] | None = None,
+    *,
+    photograph: tuple[int, int] | None = None,
+    camera: str = CAMERA,
+    light: Light | None = None,
+    seed: int = 0,
+) -> Scenario:
+    """Return the scenario of a scene that keeps the id contract.
 
-    @property
-    def transport_shape(self) -> tuple[int, int]:
-        """(M, N), the shape of the light transport matrix."""
-        return len(self.view.points), self.hidden.patches
+    It has a relay wall, the shape ``wall``, a sensor ``camera``, and hidden surfaces: the shape
+    ``monitor``, and every shape whose id begins with ``hidden``. A scene may have several walls,
+    whose ids begin with ``wall``: a camera's is the one in the middle of its picture; the others
+    are occluders to it. The view's points are where the camera's own rays
+    through the pixels' centres meet the wall, so any sensor serves; the patches are an R x C grid
+    in a surface's UV square, so any shape with a UV parametrization serves. A surface without an
+    emitter is Lambertian: its image is the radiance that it reflects.
+
+    Every pixel is averaged over its own area: a box of one pixel takes the place of the film's
+    reconstruction filter, in A and in photographs. Mitsuba's own ``mi.render`` of the file blurs by
+    a Gaussian unless its film asks for ``<rfilter type="box"/>``.
+
+    Parameters
+    ----------
+    scene
+        A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
+    hidden
+        (R, C), rows and columns of the hidden image; of several surfaces a mapping of such by id.
+    parameters
+        Values for the file's ``<default>``s.
+    photograph
+        (rows, columns) into which the camera's field of view is cut; None for the film's own
+        pixels. Another cut serves transport matrices and closed forms; pictures have the film's.
+    camera
+        Id of the sensor.
+    light
+        How A and B are computed.
+    seed
+        Seed of whatever is rendered.
+
+    Raises
+    ------
+    SceneError
+        If the contract is broken, a pixel misses the wall, the hidden sizes are not possible or
+        lack a surface, one lies in another or faces away, or A cannot treat a material, a medium,
+        or a surface's place or UV.
+    """
+    from periscopy_sim.rendering.scene.load import load_geometry
+
+    seen = load_geometry(scene, hidden, parameters, photograph=photograph, camera=camera)
+    return Scenario(seen.view, seen.hidden, light or Light(), seed)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.wall import camera_of, shape_of
 from periscopy_sim.rendering.variant import (
@@ -18,6 +17,7 @@ from periscopy_sim.rendering.variant import (
     mi,
     use_variant,
 )
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 
 SCENES = Path(__file__).parents[1] / "scenes"

@@ -31,7 +31,7 @@ def test_composite_is_a_mixture_of_the_ratio_asked_for_and_of_unit_mean(sbr, see
 
 @pytest.mark.parametrize("sbr", [0.0, -1.0, np.nan])
 def test_ratio_that_is_not_positive_is_refused(sbr):
-    with pytest.raises(ValueError, match="ratio must be positive"):
+    with pytest.raises(ValueError, match="sbr is"):
         composite(*photographs(), sbr)
 
 
@@ -69,7 +69,7 @@ def test_root_mean_square_of_bright_single_precision_does_not_overflow():
 
 @pytest.mark.parametrize("snr", [np.nan, np.inf, -np.inf])
 def test_snr_that_is_not_finite_is_refused(snr):
-    with pytest.raises(ValueError, match="must be finite"):
+    with pytest.raises(ValueError, match="snr is"):
         add_noise(photographs()[0], snr, 0)
 
 

@@ -1,4 +1,7 @@
+import operator
+import pickle
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,6 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import periscopy_sim as ps
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.measurement import add_noise
+from periscopy_sim.memo import Memo
 from periscopy_sim.scene import EmissionProfile
 from periscopy_sim.view import rises, wall_frame
 
@@ -114,3 +121,136 @@ def test_neighbours_rise_above_a_wall_that_bends_towards_the_room_and_not_else()
     flat = np.stack(np.meshgrid(angle, [1.0], up), axis=-1).reshape(-1, 3)
     np.testing.assert_array_equal(rises(flat, np.tile([0, -1.0, 0], (15, 1)), (3, 5)), 0)
     assert rises(points[:1], normals[:1], (1, 1)) == [0]
+
+
+LIT = np.linspace(1, 2, 576)[:, None]  # ambient light in place of Eq. 4's 512 columns
+RAYS = ps.Light(by="rays", samples=4, ambient=(LIT,))
+
+
+def chair(light=RAYS, seed=0, **parameters):
+    return ps.load_scenario(
+        "chair", (4, 5), {"resolution": 24, **parameters}, light=light, seed=seed
+    )
+
+
+@pytest.fixture
+def wall(jit):  # noqa: ARG001
+    """A chair and a photograph of it, without noise."""
+    scene = chair()
+    f = np.random.default_rng(3).uniform(0.1, 1, (20, 3))
+    y = (scene.A.astype(float) @ f).reshape(24, 24, 3) + LIT.reshape(24, 24, 1) * scene.A.mean()
+    return scene, ps.Photograph.of(y)
+
+
+OWN = """
+import periscopy_sim as ps
+
+def own(scenario, A, B):
+    return ps.IterativePeriscope.for_scene(scenario, A, B)
+"""
+
+
+def test_a_method_is_kept_until_what_it_depends_on_changes(wall, tmp_path, monkeypatch):
+    scene, y = wall
+    mask = np.ones((24, 24), bool)
+    mask[3:9, 4:8] = False
+    changes = {"samples": 8}, {"ambient": (LIT**2,)}, {"strata": "gauss"}, {"matrix": scene.A}
+    lights = [replace(RAYS, **each) for each in changes]
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / "own.py"
+    own.write_text(OWN)
+
+    def fitted():
+        yield scene.method("noise-aware", y)
+        yield scene.method("noise-aware", y, tv_weight=0.1)
+        yield scene.method("iterative", y)
+        yield scene.method("noise-aware", replace(y, mask=mask))
+        yield scene.method("noise-aware", replace(y, monitor_off={"off": y.values**2}))
+        yield scene.method("noise-aware", y, errors={})
+        yield scene.method("noise-aware", y, errors={"occluder_dx": 0.01})
+        yield scene.method("noise-aware", y, errors={"occluder_dx": 0.02})
+        yield scene.at(occluder_dx=0.01).method("noise-aware", y)
+        yield replace(scene, seed=1).method("noise-aware", y)
+        for light in lights:
+            yield replace(scene, light=light).method("noise-aware", y)
+        yield scene.method("own.py:own", y)
+        own.write_text(OWN + "# edited")
+        yield scene.method("own.py:own", y)
+
+    first, again = [*fitted()], [*fitted()]
+    assert len({*first}) == len(first)
+    assert all(map(operator.is_, first[:-2], again))
+
+
+@pytest.mark.usefixtures("jit")
+def test_the_noise_decides_how_fine_a_matrix_is():
+    scene = chair(ps.Light(by="rays", ambient=(LIT,)))
+    fine, coarse = (scene.plan(noise).samples for noise in (1e-2, 1.0))
+    assert fine > coarse and scene.transport(1e-2) is not scene.transport(1.0)
+    assert scene.method("iterative", noise=1e-2) is not scene.method("iterative", noise=1.0)
+
+
+def test_a_scenario_elsewhere_shares_what_is_kept(wall):
+    scene, _ = wall
+    moved = scene.at(occluder_dx=0.01)
+    assert scene.at(occluder_dx=0.01).A is moved.A is not scene.A
+    assert moved.at(occluder_dx=0).A is scene.at(occluder_dx=0).A
+    np.testing.assert_array_equal(moved.A, chair(occluder_dx=0.01).A)
+
+
+@pytest.mark.usefixtures("jit")
+def test_an_edited_scene_is_not_served_from_what_is_kept(tmp_path):
+    """Nothing but the file knows how the screen emits."""
+    file, memo, found = tmp_path / "mine.xml", Memo(), []
+    text = ps.find_scene("plate").read_text()
+    for exponent in (18, 2):
+        file.write_text(text.replace('_exponent" value="18"', f'_exponent" value="{exponent}"'))
+        scene = ps.load_scenario(file, (4, 5), {"resolution": 21})
+        found.append(replace(scene, memo=memo).A)
+    assert not np.allclose(*found, rtol=1e-3)
+
+
+def test_a_pickled_scenario_makes_the_same_anew(wall):
+    scene, y = wall
+    other = pickle.loads(pickle.dumps(scene))
+    assert other.A is not scene.A
+    np.testing.assert_array_equal(other.A, scene.A)
+    found = (each.method("noise-aware", y).reconstruct(y) for each in (scene, other))
+    np.testing.assert_array_equal(*found)
+
+
+def test_a_given_matrix_is_used(wall):
+    scene, y = wall
+    A = np.ascontiguousarray(scene.A[:, ::-1])
+    given = replace(scene, light=replace(RAYS, matrix=A, record={"transport_error": 0.25}))
+    assert given.A is A and given.plan().by == "file" and given.plan().error == 0.25
+    turned = given.method("iterative", y).reconstruct(y)[::-1, ::-1]
+    np.testing.assert_allclose(turned, scene.method("iterative", y).reconstruct(y), rtol=1e-3)
+
+
+def test_a_given_matrix_stays_with_its_scene(wall):
+    scene, y = wall
+    given = replace(scene, light=replace(RAYS, matrix=scene.A))
+    with pytest.raises(PeriscopyError, match="one scene"):
+        given.at(occluder_dx=0.03)
+    given.method("noise-aware", y)  # counts errors of the scene's numbers
+
+
+def test_a_given_matrix_with_bounces_lacks_no_light_that_bounces(wall):
+    scene, _ = wall
+    A = replace(scene, light=replace(RAYS, bounces=2)).A
+    image = scene.image("mushroom")
+    y = ps.Photograph(add_noise(scene.photograph(image, bounces=2).values, 60, 1))
+    codes = []
+    for matrix in (scene.A, A):
+        given = replace(scene, light=replace(RAYS, matrix=matrix))
+        fitted = given.method("iterative", y)
+        codes.append([note.code for note in given.judge(y, fitted.solve(y), fitted).warnings])
+    assert "bounces" in codes[0] and "bounces" not in codes[1]
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_photograph_says_what_the_reader_of_its_light_assumed(tmp_path):
+    np.save(tmp_path / "light.npy", np.full((24, 24, 3), 200, np.uint8))
+    y = chair().photograph(np.ones((4, 5, 3)), ambient=tmp_path / "light.npy", sbr=1, bounces=1)
+    assert "light.npy" in y.warnings[0]

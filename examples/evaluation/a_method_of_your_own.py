@@ -44,32 +44,24 @@ folder = Path(tempfile.mkdtemp())
 (folder / "tikhonov.py").write_text(SOURCE, "utf-8")
 
 # %%
-# The commands call ``find_method`` for ``--method tikhonov.py:Tikhonov``. It also accepts the names
-# of shipped methods.
+# ``--method tikhonov.py:Tikhonov`` gives it to a command. In Python the class itself serves, too.
 
-hidden = (15, 18)
-scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
-names = {
+scene = ps.load_scenario("chair", (15, 18), {"resolution": 63})
+methods = {
     "Tikhonov": f"{folder / 'tikhonov.py'}:Tikhonov",
     "preconditioned": "preconditioned",
     "noise-aware": "noise-aware",
 }
-methods = {name: ps.find_method(where)(scene, A, B) for name, where in names.items()}
 
 # %%
 # All methods get the same photographs, at three ratios of the monitor's light to that of lamps.
 
-truth = ps.read_hidden_image(ps.find_image("letters"), hidden)
+truth = scene.image("letters")
 lamps = ps.point_light_backgrounds(scene, np.array([[-1.2, 1.9, 0.4], [0.8, 2.6, 1.3]]))
 room = (lamps @ [[1.0, 0.8, 0.6], [0.7, 0.8, 1.0]]).reshape(63, 63, 3)
-world = ps.World(
-    signals={"letters": ps.render_photograph(scene, truth)},
-    truths={"letters": truth},
-    backgrounds={"two lamps": room},
-    methods=methods,
-)
-results = ps.run_sweep(ps.Sweep(world, sbrs=[0.1, 1, 10]), folder / "sweep").squeeze()
+results = ps.sweep(
+    scene, ["letters"], methods=methods, ambient={"two lamps": room}, sbr=[0.1, 1, 10]
+).squeeze()
 assert not results.failure.values.any(), "each method gave an image of every photograph"
 
 figure, axes = plt.subplots(3, 4, figsize=(6, 4.6))

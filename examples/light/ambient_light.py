@@ -17,9 +17,8 @@ import numpy as np
 
 import periscopy_sim as ps
 
-hidden = (15, 18)
-scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-B = ps.point_light_backgrounds(scene)
+scene = ps.load_scenario("chair", (15, 18), {"resolution": 63})
+B = scene.B
 U, s, _ = np.linalg.svd(B, full_matrices=False)
 Q = U[:, s > 1e-10 * s[0]]
 print(f"{B.shape[1]} lights, yet a basis of {Q.shape[1]} pictures holds their light to 1e-10")
@@ -41,9 +40,8 @@ for k, ax in enumerate(axes):
 # The next photograph has the light of a sky, path traced with all bounces: the overcast place that
 # ships with the package. The monitor's mushroom is half as bright (an SBR of 0.5).
 
-image = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(scene, image)
-sky = ps.render_background("ambient/overcast", scene, target=3e-3).photograph
+signal = scene.photograph(scene.image("mushroom")).values
+sky = scene.ambient("overcast", target=3e-3).photograph
 photograph = ps.composite(signal, sky, sbr=0.5)
 
 
@@ -89,7 +87,7 @@ for ax in axes:
 # :math:`f` is still determined. :func:`~periscopy_sim.form_preconditioner` makes the matrix
 # :math:`P`, with :math:`P A = I` and :math:`P B = 0`.
 
-A = ps.render_transport(scene, samples=64).astype(float)
+A = scene.A.astype(float)
 P = ps.form_preconditioner(A, B)
 assert np.allclose(P.apply(A[:, :20]), np.eye(270)[:, :20], atol=1e-6)
 residual = np.linalg.norm(P.apply(B), axis=0) / np.linalg.norm(B, axis=0)

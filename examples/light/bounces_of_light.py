@@ -11,11 +11,10 @@ import numpy as np
 
 import periscopy_sim as ps
 
-hidden = (15, 18)
-scene = ps.load_scenario("bright_room", hidden, {"resolution": 63})
-image = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-direct = ps.render_photograph(scene, image, bounces=1)
-all_bounces = ps.render_photograph(scene, image)
+scene = ps.load_scenario("bright_room", (15, 18), {"resolution": 63})
+image = scene.image("mushroom")
+direct = scene.photograph(image, bounces=1).values
+all_bounces = scene.photograph(image).values
 bounced = all_bounces - direct
 share = bounced.mean() / all_bounces.mean()
 print(f"{100 * share:.0f} % of the light has bounced")
@@ -41,7 +40,7 @@ for ax, (title, light, level) in zip(axes, panels, strict=True):
 # Like ambient light, bounced light lies near range(B), which the methods project out. Its residual
 # is close to the path tracer's own noise.
 
-U, s, _ = np.linalg.svd(ps.point_light_backgrounds(scene), full_matrices=False)
+U, s, _ = np.linalg.svd(scene.B, full_matrices=False)
 Q = U[:, s > 1e-10 * s[0]]
 
 
@@ -55,8 +54,7 @@ print(f"beyond range(B): {100 * outside(direct):.1f} % of direct light")
 # %%
 # A reconstruction with the matrix of direct light is therefore nearly as good with all bounces.
 
-A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
-method = ps.NoiseAware.for_scene(scene, A, B)
+method = scene.method("noise-aware")
 images = {
     name: method.reconstruct(ps.add_noise(light, snr=50, seed=0))
     for name, light in [("direct light alone", direct), ("all bounces", all_bounces)]

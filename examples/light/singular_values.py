@@ -13,18 +13,18 @@ import numpy as np
 import periscopy_sim as ps
 
 hidden = (15, 18)
-size = {"resolution": 63}
+# Points of a quadrature, not random rays: noise of A would hide its small singular values.
+light = ps.Light(by="rays", samples=64, strata="gauss")
+chair, plate = (
+    ps.load_scenario(name, hidden, {"resolution": 63}, light=light) for name in ("chair", "plate")
+)
 scenes = {
-    "a chair": ps.load_scenario("chair", hidden, size),
-    "a plate on a stick": ps.load_scenario("plate", hidden, size),
-    "nothing": ps.load_scenario("chair", hidden, {**size, "occluder_dz": -3}),  # far below
+    "a chair": chair,
+    "a plate on a stick": plate,
+    "nothing": chair.at(occluder_dz=-3),  # far below
 }
-# The middles of strata, not random places in them: noise of A would hide its small singular values.
 values = {
-    name: np.linalg.svd(
-        ps.render_transport(scene, samples=64, strata="gauss").astype(float), compute_uv=False
-    )
-    for name, scene in scenes.items()
+    name: np.linalg.svd(scene.A.astype(float), compute_uv=False) for name, scene in scenes.items()
 }
 
 # %%
@@ -52,8 +52,7 @@ ax.legend(title="between monitor and wall")
 # The patterns are right singular vectors, here as the monitor would show them. The first are
 # broad and strong, the last fine and weak.
 
-A = ps.render_transport(scenes["a chair"], samples=64, strata="gauss").astype(float)
-V = np.linalg.svd(A, full_matrices=False)[2]
+V = np.linalg.svd(chair.A.astype(float), full_matrices=False)[2]
 figure, axes = plt.subplots(1, 5, figsize=(6, 1.6))
 for ax, k in zip(axes, (1, 3, 10, 50, 250), strict=True):
     pattern = V[k - 1].reshape(hidden)

@@ -11,9 +11,8 @@ import numpy as np
 
 import periscopy_sim as ps
 
-hidden = (15, 18)
-scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-image = ps.read_hidden_image(ps.find_image("still_life"), hidden)
+scene = ps.load_scenario("chair", (15, 18), {"resolution": 63})
+image = scene.image("still_life")
 
 closed_form = (ps.analytic_transport(scene) @ image.reshape(-1, 3)).reshape(63, 63, 3)
 shadow_rays = ps.render_transport(scene.averaged(3), samples=64) @ image.reshape(-1, 3)

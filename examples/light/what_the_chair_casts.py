@@ -41,7 +41,7 @@ for ax, (row, column) in zip(axes, patches, strict=True):
 # A monitor that shows an image :math:`f` lights all patches at once, and light adds up: the
 # photograph is :math:`y = A f`. It does not look like the image.
 
-image = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
+image = scene.image("mushroom")
 photograph = (A @ image.reshape(-1, 3)).reshape(*wall, 3)
 ps.show(image, photograph, titles=["what the monitor shows", "the wall, A f"])
 
@@ -53,7 +53,7 @@ assert np.allclose(one_by_one.reshape(photograph.shape), photograph, rtol=1e-4)
 # by that glow, the photograph shows the chair's shadows, whose edges are blurred pictures of the
 # monitor.
 
-away = ps.load_scenario("chair", hidden, {"resolution": 63, "occluder_dz": -3})
+away = scene.at(occluder_dz=-3)
 glow = (ps.render_transport(away, samples=64) @ image.reshape(-1, 3)).reshape(photograph.shape)
 assert (photograph <= glow * 1.0001).all(), "an occluder adds no light"
 

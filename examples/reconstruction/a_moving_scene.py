@@ -13,7 +13,6 @@ import periscopy_sim as ps
 
 hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 
 # %%
 # The clip: 16 frames of an orange ball before a dark blue wall.
@@ -29,7 +28,7 @@ clip = ball * np.array([1.0, 0.4, 0.05]) + (1 - ball) * np.array([0.02, 0.05, 0.
 # %%
 # A steady lamp also lights the wall, as brightly as the monitor in the mean (an SBR of 1).
 
-signal = (A @ clip.reshape(frames, -1, 3)).reshape(frames, 63, 63, 3)
+signal = (scene.A @ clip.reshape(frames, -1, 3)).reshape(frames, 63, 63, 3)
 lamp = ps.point_light_backgrounds(scene, np.array([[-1.2, 1.9, 0.4]])).reshape(63, 63, 1)
 light = signal + lamp * signal.mean() / lamp.mean()
 photographs = [ps.add_noise(y, snr=60, seed=k) for k, y in enumerate(light)]
@@ -38,7 +37,7 @@ photographs = [ps.add_noise(y, snr=60, seed=k) for k, y in enumerate(light)]
 # ``next_frame`` accepts one photograph after the other, as a camera makes them. It draws each patch
 # towards its colour in the previous frame.
 
-video = ps.NoiseAwareVideo(ps.NoiseAware.for_scene(scene, A, B))
+video = ps.NoiseAwareVideo(scene.method("noise-aware"))
 images = np.array([video.next_frame(photograph) for photograph in photographs])
 
 shown = range(1, frames, 3)

@@ -17,16 +17,13 @@ import numpy as np
 
 import periscopy_sim as ps
 
-hidden = (15, 18)
-scene = ps.load_scenario("chair", hidden, {"resolution": 63})
+scene = ps.load_scenario("chair", hidden=(15, 18), parameters={"resolution": 63})
 
 # %%
 # The light transport matrix :math:`A` has the light of each patch in each pixel, :math:`B` the
 # light of far lamps.
 
-A = ps.transport(scene)
-B = ps.point_light_backgrounds(scene)
-print(A.shape, B.shape)
+print(scene.A.shape, scene.B.shape)
 
 # %%
 # The photograph
@@ -35,17 +32,15 @@ print(A.shape, B.shape)
 # places that ship. ``sbr`` is the monitor's light over the sky's, ``snr`` the photograph over its
 # noise, in dB.
 
-truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(scene, truth)
-sky = ps.render_background("ambient/overcast", scene, target=3e-3).photograph
-photograph = ps.add_noise(ps.composite(signal, sky, sbr=0.5), snr=60, seed=0)
+truth = scene.image("mushroom")
+photograph = scene.photograph(truth, ambient="overcast", sbr=0.5, snr=60, target=3e-3)
 
 # %%
 # The image
 # ---------
-# Fit a method to the scene once. It then accepts any photograph of the scene.
+# A method is fitted to the scene once, for photographs of this noise. It then accepts any of them.
 
-method = ps.NoiseAware.for_scene(scene, A, B)
+method = scene.method("noise-aware", photograph)
 solution = method.solve(photograph)
 score = ps.psnr_gain_matched(solution.image, truth)
 ps.show(
@@ -59,15 +54,14 @@ assert score > 22
 # %%
 # Does the scene explain the photograph? Then the residual is noise, which needs no truth to check.
 
-residual = method.residual(photograph, solution)
-print(f"unexplained: {100 * residual.unexplained:.2f} % of the photograph")
-print(f"noise alone would leave {100 * residual.noise_alone:.2f} %")
-assert residual.unexplained < 2 * residual.noise_alone
+report = scene.judge(photograph, solution, method)
+print(f"unexplained: {100 * report.residual.unexplained:.2f} % of the photograph")
+print(f"noise alone would leave {100 * report.residual.noise_alone:.2f} %")
+assert report.verdict.code == "fits"
 
 # %%
 # The method reports a standard error for each patch, which is larger where the chair shows little
-# of the image.
+# of the image. The errors of the scene that its file declares count, too.
 
-errors = method.standard_errors(solution)
-median = 100 * np.median(errors) / solution.image.max()
+median = 100 * np.median(report.standard_errors) / solution.image.max()
 print(f"standard errors: {median:.1f} % of white at the median")

@@ -18,7 +18,7 @@ import periscopy_sim as ps
 hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
 A = ps.transport_operator(scene)
-truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
+truth = scene.image("mushroom")
 clean = A @ truth.ravel()
 photograph = ps.add_noise(A.photograph(clean), snr=60, seed=0)
 y = photograph.ravel().astype(np.float32)
@@ -40,7 +40,7 @@ counts = [5, 10, 20, 50, 100, 200, 500, 1000]
 by_count = [A.image(lsqr(A, y, atol=0, btol=0, conlim=0, iter_lim=n)[0]) for n in counts]
 scores = [ps.psnr_gain_matched(image, truth) for image in by_count]
 
-matrix = ps.transport(scene)
+matrix = scene.A
 largest = np.linalg.norm(matrix, 2)
 differences = [
     pylops.FirstDerivative((*hidden, 3), axis=axis, kind="forward", dtype="float32")
@@ -59,8 +59,7 @@ positive = positive.reshape(truth.shape)
 # None of these solvers models ambient light. If there is any, project range(B) out first, or use
 # :class:`~periscopy_sim.NoiseAware`, which also regularizes better.
 
-B = ps.point_light_backgrounds(scene)
-noise_aware = ps.NoiseAware.for_scene(scene, matrix, B).reconstruct(photograph)
+noise_aware = scene.method("noise-aware", photograph).reconstruct(photograph)
 best = int(np.argmax(scores))
 images = {
     "hidden": truth,

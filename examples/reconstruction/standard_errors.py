@@ -11,16 +11,14 @@ import numpy as np
 
 import periscopy_sim as ps
 
-hidden = (15, 18)
-scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
-method = ps.NoiseAware.for_scene(scene, A, B)
+scene = ps.load_scenario("chair", (15, 18), {"resolution": 63})
+method = scene.method("noise-aware", errors={})  # the scene's numbers are exact
 
 # %%
 # Fifteen photographs of one image under one lamp; only the noise differs.
 
-truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = (A @ truth.reshape(-1, 3)).reshape(63, 63, 3)
+truth = scene.image("mushroom")
+signal = (scene.A @ truth.reshape(-1, 3)).reshape(63, 63, 3)
 lamp = ps.point_light_backgrounds(scene, np.array([[-1.2, 1.9, 0.4]])).reshape(63, 63, 1)
 clean = ps.composite(signal, np.broadcast_to(lamp, signal.shape), sbr=1)
 photographs = [ps.add_noise(clean, snr=55, seed=seed) for seed in range(15)]

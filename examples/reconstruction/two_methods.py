@@ -14,14 +14,13 @@ import periscopy_sim as ps
 
 hidden = (15, 18)
 scene = ps.load_scenario("chair", hidden, {"resolution": 63})
-A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
 
 # %%
 # The monitor sends half as much light as three coloured lamps, none of which lies on the grid of
 # :math:`B`.
 
-truth = ps.read_hidden_image(ps.find_image("still_life"), hidden)
-signal = ps.render_photograph(scene, truth)
+truth = scene.image("still_life")
+signal = scene.photograph(truth).values
 lamps = np.array([[-1.2, 1.9, 0.4], [0.8, 2.6, 1.3], [2.1, 3.4, -0.7]])  # metres, about the wall
 colours = np.array([[1.0, 0.8, 0.6], [0.7, 0.8, 1.0], [1.0, 1.0, 0.9]])
 room = (ps.point_light_backgrounds(scene, lamps) @ colours).reshape(signal.shape)
@@ -32,9 +31,9 @@ photograph = ps.add_noise(ps.composite(signal, room, sbr=0.5), snr=60, seed=0)
 # total variation removes noise (Eq. 11), and Algorithm 2 repairs patches that differ from all
 # neighbours.
 
-paper = ps.Periscope.for_scene(scene, A, B)
+paper = scene.method("preconditioned", photograph)
 step = paper.solve(photograph)
-noise_aware = ps.NoiseAware.for_scene(scene, A, B).solve(photograph)
+noise_aware = scene.method("noise-aware", photograph).solve(photograph)
 images = {
     "hidden": truth,
     "P y": step.preconditioned,

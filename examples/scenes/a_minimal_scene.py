@@ -7,8 +7,6 @@ and a sensor ``camera``. Every other shape is an occluder. These 25 lines are a 
 metres: x to the right as you face the wall, y from the monitor to the wall, z up.
 """
 
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -49,13 +47,12 @@ file.write_text(XML, "utf-8")
 assert len(XML.splitlines()) == 25
 
 # %%
-# Look at a scene before you use it. In a shell this command is ``periscopy draw minimal.xml --out
-# minimal.png``.
+# Look at a scene before you use it. In a shell: ``periscopy draw minimal.xml --out minimal.png``.
 
-drawing = folder / "minimal.png"
-command = [sys.executable, "-m", "periscopy_sim", "draw", file, "--out", drawing]
-subprocess.run(command, check=True, capture_output=True)
-picture = plt.imread(drawing)
+hidden = (12, 15)
+scene = ps.load_scenario(file, hidden)
+ps.draw(scene).savefig(folder / "minimal.png")
+picture = plt.imread(folder / "minimal.png")
 figure, ax = plt.subplots(figsize=(6, 6 * picture.shape[0] / picture.shape[1]))
 ax.imshow(picture, interpolation="lanczos")
 ax.set_axis_off()
@@ -65,13 +62,9 @@ ax.set_axis_off()
 # letters --hidden 12x15 --snr 60 --out photo.exr``, then ``periscopy reconstruct photo.exr --scene
 # minimal.xml --hidden 12x15 --out out``. The monitor shows 12 x 15 patches, as the image has.
 
-hidden = (12, 15)
-scene = ps.load_scenario(file, hidden)
-A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
-truth = ps.read_hidden_image(ps.find_image("letters"), hidden)
-signal = ps.render_photograph(scene, truth, bounces=1)
-photograph = ps.add_noise(signal, snr=60, seed=0)
-image = ps.NoiseAware.for_scene(scene, A, B).reconstruct(photograph)
+truth = scene.image("letters")
+photograph = scene.photograph(truth, snr=60, bounces=1)
+image = scene.method("noise-aware", photograph).reconstruct(photograph)
 score = ps.psnr_gain_matched(image, truth)
 ps.show(
     photograph,
@@ -88,6 +81,6 @@ assert score > 18
 declared = XML.replace("<sensor", '<default name="box_x" value="0.05"/>\n    <sensor', 1)
 file.write_text(declared.replace('x="0.05"', 'x="$box_x"'), "utf-8")
 moved = ps.load_scenario(file, hidden, {"box_x": 0.08})
-there = (ps.render_transport(moved, samples=64) @ truth.reshape(-1, 3)).reshape(signal.shape)
+signal, there = ((each.A @ truth.reshape(-1, 3)) for each in (scene, moved))
 assert np.abs(there - signal).max() > 0.05 * signal.max()
 # sphinx_gallery_thumbnail_number = 2

@@ -11,11 +11,11 @@ import numpy as np
 
 import periscopy_sim as ps
 
-hidden = (10, 12)
+scene = ps.load_scenario("chair", (10, 12), {"resolution": 48})  # as measured
 true_values = {"occluder_dx": 0.004}
-true_scene = ps.load_scenario("chair", hidden, {"resolution": 48, **true_values})
-truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
-signal = ps.render_photograph(true_scene, truth, bounces=1)
+true_scene = scene.at(**true_values)
+truth = true_scene.image("mushroom")
+signal = true_scene.photograph(truth, bounces=1).values
 lamp = ps.point_light_backgrounds(true_scene, np.array([[-1.2, 1.9, 0.4]])).reshape(48, 48, 1)
 photograph = ps.add_noise(ps.composite(signal, lamp + 0 * signal, sbr=3), snr=60, seed=0)
 
@@ -23,13 +23,7 @@ photograph = ps.add_noise(ps.composite(signal, lamp + 0 * signal, sbr=3), snr=60
 # One number is free, measured to half a centimetre. ``calibrate`` knows neither the image nor
 # the lamp; it combines the photograph with the measured value.
 
-calibration = ps.calibrate(
-    photograph,
-    "chair",
-    hidden,
-    {"occluder_dx": 0.005},
-    parameters={"resolution": 48},
-)
+calibration = scene.calibrate(photograph, free={"occluder_dx": 0.005})
 for parameter in calibration.parameters:
     name = parameter.name
     print(
@@ -42,18 +36,16 @@ for parameter in calibration.parameters:
 # The same photograph, reconstructed with the measured, the calibrated and the true scene:
 
 
-def reconstructed(parameters):
-    scene = ps.load_scenario("chair", hidden, {"resolution": 48, **parameters})
-    A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
-    method = ps.NoiseAware.for_scene(scene, A, B)
+def reconstructed(scene):
+    method = scene.method("noise-aware", photograph)
     solution = method.solve(photograph)
     return solution.image, method.residual(photograph, solution)
 
 
 results = {
-    "measured": reconstructed({}),
-    "calibrated": reconstructed(calibration.values),
-    "true scene": reconstructed(true_values),
+    "measured": reconstructed(scene),
+    "calibrated": reconstructed(calibration.scenario),
+    "true scene": reconstructed(true_scene),
 }
 figure, axes = plt.subplots(2, 4, figsize=(6, 3.5))
 axes[0, 0].imshow(ps.to_srgb(truth, 1))

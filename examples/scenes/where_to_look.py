@@ -12,31 +12,31 @@ import numpy as np
 
 import periscopy_sim as ps
 
-hidden = (8, 10)
+scene = ps.load_scenario("chair", (8, 10), {"resolution": 32})
 
 
-def mean_bound(parameters):
+def mean_bound(view):
     """Return the bound's mean over patches, for noise of a thousandth of a white image's light."""
-    scene = ps.load_scenario("chair", hidden, {"resolution": 32, **parameters})
-    A, B = ps.analytic_transport(scene), ps.point_light_backgrounds(scene)
+    A = ps.analytic_transport(view)
     noise = 1e-3 * np.sqrt(np.mean(A.astype(float).sum(axis=1) ** 2))
     try:
-        return noise * np.sqrt(ps.form_preconditioner(A, B).noise_gain.mean())
+        return noise * np.sqrt(ps.form_preconditioner(A, view.B).noise_gain.mean())
     except ValueError:  # the photograph does not determine some patch
         return np.nan
 
 
 # %%
-# The field of view moves over the wall; chair and monitor stay.
+# The field of view moves over the wall; chair and monitor stay. ``ps.design`` does the same with an
+# A as fine as photographs need.
 
 dx, dz = np.linspace(-0.2, 0.2, 9), np.linspace(-0.24, 0.16, 9)
-bounds = np.array([[mean_bound({"camera_dx": x, "camera_dz": z}) for x in dx] for z in dz])
+bounds = np.array([[mean_bound(scene.at(camera_dx=x, camera_dz=z)) for x in dx] for z in dz])
 row, column = np.unravel_index(np.nanargmin(bounds), bounds.shape)
 print(
     f"least {100 * bounds[row, column]:.1f} % of white, where the view moves "
     f"{100 * dx[column]:+.0f} cm to the right and {100 * dz[row]:+.0f} cm up"
 )
-print(f"at the paper's view it is {100 * mean_bound({}):.1f} %")
+print(f"at the paper's view it is {100 * mean_bound(scene):.1f} %")
 
 figure, ax = plt.subplots(figsize=(5.4, 3.6))
 ax.set_facecolor("0.85")  # where the photograph does not determine some patch
@@ -55,14 +55,12 @@ ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
 finite = np.where(np.isfinite(bounds), bounds, -np.inf)
 worst = np.unravel_index(finite.argmax(), bounds.shape)
-truth = ps.read_hidden_image(ps.find_image("mushroom"), hidden)
+truth = scene.image("mushroom")
 images, scores = [], []
 for place in ((row, column), worst):
-    view = {"resolution": 32, "camera_dx": dx[place[1]], "camera_dz": dz[place[0]]}
-    scene = ps.load_scenario("chair", hidden, view)
-    A, B = ps.transport(scene), ps.point_light_backgrounds(scene)
-    light = (A @ truth.reshape(-1, 3)).reshape(32, 32, 3)
-    method = ps.NoiseAware.for_scene(scene, A, B)
+    view = scene.at(camera_dx=dx[place[1]], camera_dz=dz[place[0]])
+    light = (view.A @ truth.reshape(-1, 3)).reshape(32, 32, 3)
+    method = view.method("noise-aware")
     images.append(method.reconstruct(ps.add_noise(light, snr=60, seed=0)))
     scores.append(ps.psnr_gain_matched(images[-1], truth))
 ps.show(

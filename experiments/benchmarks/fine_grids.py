@@ -74,11 +74,10 @@ def measure(grid: tuple[int, int]) -> dict[str, Any]:
     """Return the seconds of each stage at a grid, the memory, and how far the image is off."""
     import resource
 
-    scene = chair(grid)
-    transport, A = clocked(partial(ps.transport, scene.scenario))
-    scene.A = A
+    scene = chair(grid, light=ps.Light())
+    transport, A = clocked(scene.scenario.transport)
     (photograph,) = photographs_of(scene, 1)
-    method = scene.noise_aware
+    method = ps.NoiseAware.for_scene(scene.scenario, A, scene.B)
     fit, _ = clocked(method.prepare)
     method.solve(photograph)  # compiles
     still, solution = clocked(partial(method.solve, photograph), 21)

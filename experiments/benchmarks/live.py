@@ -40,10 +40,9 @@ COUNT = """() => {
 def live(_: Setting) -> Section:
     """Drag the chair on the page, and count the pictures that come."""
     scene, first, before = ps.load_scenario("chair", SMALL), Choice({}, "mushroom"), os.getloadavg()
-    offered = ["mushroom"], ["noise-aware"], lambda _: "", lambda _: []
     with (
         chromium() as browser,
-        LiveSession(scene, first, *offered) as session,
+        LiveSession(scene, first, lambda _: "", lambda _: []) as session,
         running(session),
     ):
         page = visit(session, browser)
@@ -109,7 +108,7 @@ def visit(session: LiveSession, browser: Any, requests: list[str] | None = None)
     if requests is not None:
         page.on("request", lambda request: requests.append(request.url))
         page.on("websocket", lambda websocket: requests.append(websocket.url))
-    page.goto(session.page.gate.url)
+    page.goto(session.gate.url)
     page.get_by_text("full pictures").wait_for()
     page.wait_for_timeout(2000)  # the scene's first frames
     return page
@@ -117,7 +116,7 @@ def visit(session: LiveSession, browser: Any, requests: list[str] | None = None)
 
 def drag(session: LiveSession, page: Any, name: str, seconds: float) -> None:
     """Drag a handle to and fro along x for some seconds, and let it go 4 cm away."""
-    at = session.page.handles[name].position(session.page.choice.values)
+    at = session.handles[name].position(session.choice.values)
     arrow = page.evaluate("state.room.arrow")
     start, end = (
         np.array(page.evaluate("onScreen", [at[0] + 0.75 * arrow + dx, *at[1:]]))

@@ -34,10 +34,8 @@ from experiments.report import Claim, Picture, Section, Verdict, write_page
 from experiments.setting import Setting
 from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn
 from periscopy_sim.live.frames import open_source
-from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.preparation import Companions
-from periscopy_sim.live.session import LiveSession
-from periscopy_sim.live.stream import Stream
+from periscopy_sim.live.watch import WatchSession
 from periscopy_sim.numerics import Array
 from periscopy_sim.photographs.wall_view import fit_homography, project, wall_plane
 from periscopy_sim.storage.formats.srgb import srgb_bytes
@@ -70,35 +68,40 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
     scene, before = ps.load_scenario("chair", SMALL), os.getloadavg()
     pictures, points = frames_of(scene)
     process, latencies, resident = psutil.Process(), list[Sequence[float]](), []
-    offered = (), ["noise-aware"], lambda _: "", lambda _: []
-    with chromium() as browser:
-        stream = Stream(open_source(camera(pictures)), scene, Companions(points), 30, print)
-        with LiveSession(scene, Choice({}, ""), *offered, stream=stream) as session:
-            show = stream.show
+    arrivals = list[float]()
 
-            def stamped(pictures: Any, progress: Any, lines: list[str]) -> None:
-                arrived = time.time() - progress.latency
-                session.page.gate.publish(taken=arrived)
-                show(pictures, progress, lines)
-                latencies.append((arrived, 1000 * (time.time() - arrived)))
+    def record(_: Any, progress: Any) -> None:
+        arrivals.append(time.time() - progress.latency)
+        session.gate.publish(taken=arrivals[-1])
 
-            stream.show = stamped
-            with running(session):
-                with reader(session.page.gate.url):
-                    while stream.shown < RATE * WARM_UP:
-                        time.sleep(0.1)
-                    latencies.clear()
-                    begun, cpu, dropped = time.time(), process.cpu_times(), stream.dropped
-                    while (now := time.time() - begun) < seconds:
-                        resident.append((now, process.memory_info().rss / 2**20))
-                        time.sleep(min(1.0, seconds))
-                    spent, table = process.cpu_times(), np.array(latencies)
-                    dropped = stream.dropped - dropped
-                page = visit(session, browser)
-                page.wait_for_timeout(1000 * WARM_UP)
-                page.evaluate(SEEN)
-                page.wait_for_timeout(1000 * SECONDS)
-                ages = np.array(page.evaluate("window.ages"))
+    def shown(*given: Any) -> None:
+        show(*given)
+        latencies.append((arrivals[-1], 1000 * (time.time() - arrivals[-1])))
+
+    with (
+        chromium() as browser,
+        WatchSession(
+            open_source(camera(pictures)), scene, "noise-aware", lambda _: "", lambda _: [],
+            companions=Companions(points), count=30, record=record,
+        ) as session,
+        running(session),
+    ):  # fmt: skip
+        show, session.show = session.show, shown  # type: ignore[method-assign]
+        with reader(session.gate.url):
+            while session.shown < RATE * WARM_UP:
+                time.sleep(0.1)
+            latencies.clear()
+            begun, cpu, dropped = time.time(), process.cpu_times(), session.dropped
+            while (now := time.time() - begun) < seconds:
+                resident.append((now, process.memory_info().rss / 2**20))
+                time.sleep(min(1.0, seconds))
+            spent, table = process.cpu_times(), np.array(latencies)
+            dropped = session.dropped - dropped
+        page = visit(session, browser)
+        page.wait_for_timeout(1000 * WARM_UP)
+        page.evaluate(SEEN)
+        page.wait_for_timeout(1000 * SECONDS)
+        ages = np.array(page.evaluate("window.ages"))
     table[:, 0] -= begun
     setting.out.mkdir(parents=True, exist_ok=True)
     for name, header, rows in (

@@ -72,16 +72,18 @@ def _recovered(
     scene: FittedScene, lit: Capture, dark: Capture, background: Capture, sbr: float
 ) -> Recovered:
     """Reconstruct by every method, two of them with a background photograph, too."""
-    photograph, given = lit.photograph, (scene.scenario, scene.A)
-    whole = ps.Photograph.of(photograph, monitor_off=[background.photograph])
-    published = ps.Differencing.for_scene(*given, stop="published")
+    alone = ps.Photograph.of(lit.photograph)
+    whole = ps.Photograph.of(lit.photograph, monitor_off=[background.photograph])
+    asked = {
+        OURS: ("noise-aware", alone),
+        OURS_WITH: ("noise-aware", whole),
+        PAPER: ("preconditioned", alone),
+        PAPER_WITH: ("preconditioned", whole),
+        NATURE: ("differencing", alone),
+        PUBLISHED: ("differencing-published", alone),
+    }
     images = {
-        OURS: scene.noise_aware.reconstruct(photograph),
-        OURS_WITH: ps.NoiseAware.for_scene(*given, scene.B).reconstruct(whole),
-        PAPER: scene.preconditioned.reconstruct(photograph),
-        PAPER_WITH: ps.Periscope.for_scene(*given, scene.B).reconstruct(whole),
-        NATURE: scene.differencing.reconstruct(photograph),
-        PUBLISHED: published.reconstruct(photograph),
+        title: scene.method(name, each).reconstruct(each) for title, (name, each) in asked.items()
     }
     truth = dark.truth if lit.truth is None else lit.truth
     return Recovered(lit, truth, images, {"SBR": _ratio(sbr)})

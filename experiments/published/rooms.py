@@ -51,7 +51,7 @@ def run(setting: PublishedSetting) -> Section:
         return replace(section, tables=[Table("Not read.", ("set", "why"), problems)])
     rows, images, uneven = [], dict[str, Array](), dict[str, Array]()
     for name, photograph in photographs.items():
-        method = _method(photograph.shape[:2])
+        method = _scene(photograph.shape[:2]).method("noise-aware", noise=NOISE)
         solution = method.solve(photograph)
         images[name] = np.asarray(solution.image)
         residual = method.report(photograph, solution).residual
@@ -107,7 +107,7 @@ def outside(lit: Array, dark: Array) -> Array:
     White noise is blurred away. Ambient light is what the lit photograph has beside a multiple of
     the dark one; where their values are not linear, it holds products of both.
     """
-    fit = _method(dark.shape[:2]).fit
+    fit = _scene(dark.shape[:2]).method("noise-aware", noise=NOISE).fit
     y, y_dark = fit.project_out(
         np.concatenate([fit.planes(each[None])[0] for each in (lit, dark)])
     ).reshape(2, dark.shape[2], -1)
@@ -131,8 +131,6 @@ def _photographs() -> tuple[Mapping[str, Array], list[tuple[str, str]]]:
 
 
 @cache
-def _method(film: tuple[int, int]) -> ps.NoiseAware:
-    """Return the default method, fitted to the shipped scene at a camera's film."""
-    scene = ps.load_scenario(SCENE, HIDDEN, {"film": film[0]})
-    A = ps.transport(scene, noise=NOISE)
-    return ps.NoiseAware.for_scene(scene, A, ps.point_light_backgrounds(scene))
+def _scene(film: tuple[int, int]) -> ps.Scenario:
+    """Return the shipped scene at a camera's film."""
+    return ps.load_scenario(SCENE, HIDDEN, {"film": film[0]})

@@ -46,7 +46,7 @@ def _still(scene: FittedScene, capture: Capture) -> Recovered:
     images = {
         OURS: solution.image,
         PAPER: scene.preconditioned.reconstruct(photograph),
-        NATURE: scene.differencing.reconstruct(photograph),
+        NATURE: scene.method("differencing").reconstruct(photograph),
     }
     numbers = {"unexplained, %": f"{100 * residual.unexplained:.2f}"}
     return Recovered(capture, capture.truth, images, numbers)

@@ -50,10 +50,9 @@ def recovered_angles(
     rows, columns = next(iter(photographs.values())).shape
     film = {"height": rows, "width": columns}
     scene = ps.load_scenario("corner", ANGLES, {**film, **values})
-    A, B = ps.transport(scene, noise=NOISE), ps.point_light_backgrounds(scene)
-    method = ps.NoiseAware.for_scene(scene, A, B)
     given = {name: ps.Photograph.of(light, mask=mask) for name, light in photographs.items()}
-    return {name: method.reconstruct(each).ravel() for name, each in given.items()}
+    fitted = {name: scene.method("noise-aware", y, noise=NOISE) for name, y in given.items()}
+    return {name: fitted[name].reconstruct(y).ravel() for name, y in given.items()}
 
 
 def main(

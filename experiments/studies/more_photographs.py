@@ -56,7 +56,7 @@ def cases(first: Photographed, sbr: float, draw: int, folder: Path) -> Iterator[
     *unknown, known = given
     for count in COUNTS:
         yield _case(first, draw, unknown[:count], unknown[0], [])
-    picture = ps.read_hidden_image(ps.find_image(KNOWN), subject.hidden)
+    picture = subject.at().image(KNOWN)
     yield _case(first, draw, [known], unknown[0], [picture])
 
 
@@ -70,8 +70,7 @@ def _case(
     seconds = processor_seconds() - begun
 
     def psnr(scene: ps.Scenario) -> float:
-        A, B = ps.transport(scene, by="areas"), ps.point_light_backgrounds(scene)
-        image = ps.NoiseAware.for_scene(scene, A, B).reconstruct(photograph)
+        image = scene.method("noise-aware", errors={}).reconstruct(photograph)
         if shown:
             return ps.psnr_gain_matched(image, first.truth)
         return ps.registered(image, first.truth).psnr

@@ -91,10 +91,8 @@ def check_standard_errors() -> dict[str, Any]:
     """
     scene, fine = (ps.load_scenario("chair", n, {"resolution": RESOLUTION}) for n in (HIDDEN, FINE))
     A = ps.analytic_transport(fine)
-    ambient = ps.render_background("ambient/overcast", scene).photograph
-    method = ps.NoiseAware.for_scene(
-        scene, ps.analytic_transport(scene), ps.point_light_backgrounds(scene)
-    )
+    ambient = scene.ambient("overcast").photograph
+    method = ps.NoiseAware.for_scene(scene, ps.analytic_transport(scene), scene.B)
     rows: dict[str, Any] = {}
     worst = bias = 0.0
     for kind in ("shipped", "photographs", *DRAWN):

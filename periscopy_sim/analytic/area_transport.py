@@ -23,10 +23,10 @@ from periscopy_sim.analytic.clipped_light import Patches, clipped_rows, hides_it
 from periscopy_sim.analytic.outline import Borders, borders_of
 from periscopy_sim.analytic.patch_light import Lighting, light_rows
 from periscopy_sim.errors import ClosedFormError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel, ranges
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Scene
 from periscopy_sim.view import LIFT, View, WallFrame
 
@@ -48,7 +48,7 @@ MOST_FACES = 256
 """Triangles past which clipping by each costs more than rays."""
 
 
-def area_transport(scenario: Scenario) -> NDArray[np.float32]:
+def area_transport(scenario: Geometry) -> NDArray[np.float32]:
     """Compute the light transport matrix by areas, averaged over the points of the view's pixels.
 
     Parameters
@@ -79,7 +79,7 @@ def points_across(photograph_shape: tuple[int, int]) -> int:
     return max(1, round(PIXEL_POINTS / max(photograph_shape)))
 
 
-def has_areas(scenario: Scenario) -> bool:
+def has_areas(scenario: Geometry) -> bool:
     """Return whether a scene is of the kind that `area_transport` takes."""
     try:
         ways_to(scenario)
@@ -89,7 +89,7 @@ def has_areas(scenario: Scenario) -> bool:
 
 
 def area_derivatives(
-    scenario: Scenario, sides: Sequence[tuple[Scenario, float]]
+    scenario: Geometry, sides: Sequence[tuple[Geometry, float]]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Compute the light transport matrix of `area_transport` and its derivatives by parameters.
 
@@ -259,12 +259,12 @@ def moved_towards(own: Any, beside: Any) -> Any:
     return own + PART * (beside - own)
 
 
-def ways_to(scenario: Scenario) -> dict[str, Way]:
+def ways_to(scenario: Geometry) -> dict[str, Way]:
     """Return the way to each hidden surface's columns of A; a ClosedFormError says why not."""
     return {name: way_to(scenario, name) for name in scenario.hidden}
 
 
-def way_to(scenario: Scenario, name: str, *, by_faces: bool = False) -> Way:
+def way_to(scenario: Geometry, name: str, *, by_faces: bool = False) -> Way:
     """Return the way to a hidden surface's columns of A, by outlines where it has such.
 
     A ClosedFormError says that there is none.

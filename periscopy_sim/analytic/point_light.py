@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled_reordered
-from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.view import View
 
 FIELD_OF_VIEW = 0.401
@@ -80,7 +80,7 @@ def paper_grid(step: float = 0.75) -> Array:
     return np.stack([axis.ravel() for axis in grid], axis=1)
 
 
-def point_light_backgrounds(seen: View | Scenario, grid: Array | None = None) -> Array:
+def point_light_backgrounds(seen: View | Geometry, grid: Array | None = None) -> Array:
     """Return B: one column for each point light of a grid around the field of view (Sec. 3.1).
 
     Parameters
@@ -105,7 +105,7 @@ def point_light_backgrounds(seen: View | Scenario, grid: Array | None = None) ->
     """
     view = seen if isinstance(seen, View) else seen.view
     frame = view.frame
-    offsets = _stretched_grid(view) if grid is None else np.asarray(grid, np.float64)
+    offsets = _stretched_grid(view) if grid is None else plain_array(grid, "the grid")
     if offsets.ndim != 2 or offsets.shape[1] != 3 or not (offsets[:, 1] > 0).all():
         raise InputError(
             f"a grid of lights is (L, 3), not {offsets.shape}, each in front of the wall (second "

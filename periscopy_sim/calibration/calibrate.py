@@ -30,7 +30,7 @@ from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.rendering.scene.load import load_geometry
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.scene import CAMERA, Scene
 
@@ -102,7 +102,7 @@ def calibrate(
         If photographs are not of the camera's size or fewer than the shown pictures, or a shown
         picture is black or given beside a colour matrix.
     """
-    scenario = load_scenario(scene, hidden, parameters, camera=camera)
+    scenario = load_geometry(scene, hidden, parameters, camera=camera)
     photographs = of_one_wall(photograph, scenario.photograph_shape)
     if not 0 < len(photographs) >= len(shown):
         raise PhotographError(

@@ -17,11 +17,11 @@ from periscopy_sim.analytic.area_transport import (
 from periscopy_sim.calibration.prior import check_error, free_parameters, start_values
 from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.reconstruction.method import Note
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.view import View
 
 Matrix = NDArray[np.float32]
@@ -46,7 +46,7 @@ class MovingScene:
     across and up.
     """
 
-    scenario: Scenario  # as loaded, with the pixels used
+    scenario: Geometry  # as loaded, with the pixels used
     names: tuple[str, ...]  # of the P parameters
     errors: Array  # (P,) or (P + 2 S,) scales: a derivative moves a value by a fraction of its own
 
@@ -61,7 +61,7 @@ class MovingScene:
         """Points along each side of a pixel, over which light is averaged."""
         return self.scenario.view.across
 
-    def at(self, values: Array) -> Scenario:
+    def at(self, values: Array) -> Geometry:
         """Return the scene at some values, (P,).
 
         A SceneError says that the values make no scene.
@@ -69,7 +69,7 @@ class MovingScene:
         count = len(self.names)
         moved = self.scenario.at(**dict(zip(self.names, values[:count].tolist(), strict=True)))
         shifts = values[count:].reshape(-1, 2)
-        return Scenario(moved.view, moved.hidden.shifted(shifts)) if len(shifts) else moved
+        return Geometry(moved.view, moved.hidden.shifted(shifts)) if len(shifts) else moved
 
     def is_physical(self, values: Array) -> bool:
         """Return whether some values make a scene."""
@@ -88,7 +88,7 @@ class MovingScene:
         scenario = self.at(values)
         return area_derivatives(scenario, [self._beside(values, k) for k in range(len(values))])
 
-    def _beside(self, values: Array, k: int) -> tuple[Scenario, float]:
+    def _beside(self, values: Array, k: int) -> tuple[Geometry, float]:
         """Return the scene with a parameter moved a little to either side, and how far."""
         for step in (STEP * self.errors[k], -STEP * self.errors[k]):
             moved = values.copy()
@@ -115,7 +115,7 @@ def limit_sizes(hidden: Hidden, longest: int) -> dict[str, Size]:
 
 
 def uncertain_transport(
-    scenario: Scenario, errors: Mapping[str, float] | SceneCovariance
+    scenario: Geometry, errors: Mapping[str, float] | SceneCovariance
 ) -> UncertainTransport:
     """Return how errors of a scene's parameters change the light of images, for `NoiseAware`.
 
@@ -153,7 +153,7 @@ def uncertain_transport(
         for band in bands:
             pixels = np.zeros(coarse, bool)
             pixels[band] = True
-            part = Scenario(view.of_pixels(pixels), scenario.hidden)
+            part = Geometry(view.of_pixels(pixels), scenario.hidden)
             parts.append(MovingScene(part, names, deviations).linearized(values)[1] @ f)
         light = np.concatenate(parts, axis=1).reshape(len(names), *coarse, -1)
         finer = 1, *np.divide(shape, coarse), 1
@@ -163,7 +163,7 @@ def uncertain_transport(
     return UncertainTransport(names, directions, slopes)
 
 
-def scene_uncertainty(scenario: Scenario) -> tuple[UncertainTransport | None, list[Note]]:
+def scene_uncertainty(scenario: Geometry) -> tuple[UncertainTransport | None, list[Note]]:
     """Return what the errors that a scene states do to light, for `NoiseAware`, and notes on them.
 
     They are its calibration's, else the declared ones. None: it states none, calibrated values have

@@ -8,9 +8,9 @@ import numpy as np
 
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import RULER_ERROR, SceneDocument
 
 Free = Sequence[str] | Mapping[str, float | None]
@@ -33,7 +33,7 @@ TRIES = 100
 """Draws of a number that a scene may reject before the error is raised."""
 
 
-def read_by_ruler(scenario: Scenario, seed: Sequence[int]) -> dict[str, float]:
+def read_by_ruler(scenario: Geometry, seed: Sequence[int]) -> dict[str, float]:
     """Draw what a ruler reads of every number that declares an error: normal errors, by name.
 
     A number that the scene rejects, such as a board's negative thickness, is drawn again; if the

@@ -24,12 +24,12 @@ from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel
 from periscopy_sim.calibration.sharp_images import SharpImages
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import background_basis, joined_basis
 from periscopy_sim.model.noise import camera_noise
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
 
@@ -80,7 +80,7 @@ def ambient_basis(view: View, pixels: Mask, photograph: Photograph) -> Array:
 class CalibrationProblem:
     """Photographs of a scene, P parameters to find, and U fixed at uncertain values."""
 
-    scenario: Scenario  # at the measured values
+    scenario: Geometry  # at the measured values
     names: tuple[str, ...]  # of the P parameters to find
     centers: Array  # (P,) their measured values
     errors: Array  # (P,) standard deviations of these
@@ -211,4 +211,4 @@ class CalibrationProblem:
 
     def _scene(self, pixels: Mask, across: int, hidden: Hidden) -> MovingScene:
         view = self._view(pixels.shape, across).of_pixels(pixels)
-        return MovingScene(Scenario(view, hidden), self.names, self.errors)
+        return MovingScene(Geometry(view, hidden), self.names, self.errors)

@@ -10,8 +10,8 @@ import numpy as np
 from periscopy_sim.calibration.colours import VARIANCES
 from periscopy_sim.calibration.prior import UncertainParameters
 from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.model.residual import percentages
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.words import percentages
 
 LEARNED = 0.5
 """Fraction of a prior's variance: where more remains, the ruler rather than the photograph
@@ -135,6 +135,8 @@ class Calibration:
     images
         If there are rivals, the last photograph's hidden image, coarse, at the end and in each
         rival, as `Hidden.image` has it.
+    scenario
+        The calibrated scenario, which carries `scene_covariance`; see `Scenario.calibrate`.
     """
 
     parameters: tuple[Parameter, ...]
@@ -154,6 +156,7 @@ class Calibration:
     doubts: tuple[str, ...] = ()
     rivals: tuple[Rival, ...] = ()
     images: tuple[Any, ...] = ()
+    scenario: Any = None
 
     def __repr__(self) -> str:
         """Return the values with their errors, what is unexplained, and if it is trusted."""

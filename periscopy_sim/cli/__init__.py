@@ -17,7 +17,7 @@ import typer
 from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options_of_groups
 from periscopy_sim.cli.options import RENAMED
 from periscopy_sim.cli.output import interrupt, warn, warn_defect
-from periscopy_sim.errors import PeriscopyError, did_you_mean
+from periscopy_sim.errors import PeriscopyError, did_you_mean, in_words
 from periscopy_sim.extras import EXTRA_OF, missing
 
 INTERRUPTED = 130
@@ -122,7 +122,7 @@ def _reason(error: BaseException) -> str:
     message = getattr(error, "format_message", None)
     context = getattr(error, "ctx", None)
     more = f" Try '{context.command_path} --help'." if context else ""
-    return f"{message()}{more}" if message else ""
+    return f"{in_words(message())}{more}" if message else ""
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

@@ -55,7 +55,7 @@ class CalibrationSession(PhotoSession):
 
     def read(self) -> dict[str, Any]:
         """Return arguments of `calibrate` and of `recover_silhouette`."""
-        self.check_lights()
+        self.warn_of(self.scenario.check(), but=("shadows",))  # which a calibration may mend
         wall = self.wall(self.photo[0])
         others = [self.photograph(file, wall.mask) for file in self.photo[1:]]
         several = len(self.scenario.hidden) > 1
@@ -65,7 +65,7 @@ class CalibrationSession(PhotoSession):
             "scene": self.scenario.scene,
             "hidden": self.sizes,
             "camera": self.sensor,
-            "shown": [self.hidden_image(self.by_surface(each, "--shown")) for each in shown],
+            "shown": [self.scenario.image(self.by_surface(each, "--shown")) for each in shown],
             "seed": self.seed,
         }
 
@@ -110,7 +110,6 @@ def find_parameters(
     session: CalibrationSession, out: Path, free: str | None, uncertain: list[str]
 ) -> None:
     """Find parameters; write the scene that has them, JSON and a picture."""
-    from periscopy_sim.calibration.calibrate import calibrate
     from periscopy_sim.calibration.search import ASIDES
     from periscopy_sim.figures.calibration import draw_calibration
 
@@ -130,7 +129,10 @@ def find_parameters(
             output.fixable("calibrate"),
             output.progress("calibrating") as report,
         ):
-            result = calibrate(free=freed, uncertain=errors, progress=report, **files)
+            result = session.scenario.calibrate(
+                files["photograph"], shown=files["shown"], free=freed, uncertain=errors,
+                progress=report,
+            )  # fmt: skip
         remark = _distrust("periscopy calibrate", result.doubts)
         _write_copy(session, scene, _written(result, result.values), out, remark)
         for doubt in result.doubts:
@@ -198,7 +200,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.calibration.silhouette.scene import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
-    from periscopy_sim.model.residual import percentages
+    from periscopy_sim.numerics.words import percentages
 
     size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
@@ -231,7 +233,7 @@ def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None
     """Print the parameters with their units, the gain and the colours, and whether to trust."""
     from periscopy_sim.calibration.prior import FARTHEST
     from periscopy_sim.calibration.result import ParameterSource
-    from periscopy_sim.model.residual import percentages, with_error
+    from periscopy_sim.numerics.words import percentages, with_error
 
     rows = []
     for p in result.parameters:

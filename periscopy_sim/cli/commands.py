@@ -10,6 +10,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from periscopy_sim.cli.options import GROUPS, OptionGroup
 from periscopy_sim.cli.output import outcome_of
+from periscopy_sim.errors import PeriscopyError
 
 HELP = {"help_option_names": ["-h", "--help"]}
 """Settings of every command's context."""
@@ -30,7 +31,18 @@ class _WithoutTypes:
 
 
 class Command(_WithoutTypes, TyperCommand):
-    """A command."""
+    """A command; its errors name its options as users write them."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; the library's "sbr 1e9: ..." becomes "--sbr 1e9: ..."."""
+        try:
+            return super().invoke(ctx)
+        except PeriscopyError as error:
+            names = {each.name: each.opts[0] for each in self.params if each.opts[0][:2] == "--"}
+            name, *rest = re.split(r"(?=[ :])", str(error), maxsplit=1)
+            if name not in names or not re.match(r"( [^\s']+)?: ", "".join(rest)):
+                raise
+            raise type(error)("".join([names[name], *rest])) from error
 
 
 class CommandGroup(_WithoutTypes, TyperGroup):

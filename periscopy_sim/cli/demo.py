@@ -7,14 +7,13 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options, output
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import Out, option
 from periscopy_sim.cli.reconstruct import reconstruct
 from periscopy_sim.cli.render import photograph
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import OutputError
 from periscopy_sim.figures import panels
-from periscopy_sim.rendering.variant import require_vectorized, use_variant
 from periscopy_sim.shipped import scenes_folder
 from periscopy_sim.storage.formats.exr import write_exr
 
@@ -33,8 +32,7 @@ def demo(
     """Photograph a shipped scene, and recover its hidden image."""
     photo, ambient, image = out / "photograph.exr", out / "ambient.exr", "mushroom"
     with output.output_files(ambient) as (file,):
-        require_vectorized("the demo")
-        output.say(f"rendering with {use_variant()}")
+        output.say(f"rendering with {ps.use_variant()}")
         chair = "chair", [hidden], [f"resolution={resolution}"], seed
         scene = PhotoSession(*chair)
         light = scene.ambient_light("ceiling_panels", 3e-4 / effort**0.5)
@@ -42,14 +40,14 @@ def demo(
     photograph(
         session=scene, image=image, out=photo, ambient=str(ambient), sbr=0.5, snr=60.0
     )  # fmt: skip
-    truth, y = scene.hidden_image(image), scene.photograph(photo).values
+    truth, y = scene.scenario.image(image), scene.photograph(photo).values
     pictures = [("hidden image", panels.displayable(truth, white=1))]
     pictures.append(("photograph of the wall", panels.displayable(y)))
     rows = []
     for method, title in METHODS.items():
         with output.part_of_command() as part:
             reconstruct(
-                photo=[photo], session=PhotoSession(*chair), light=Light(), out=out / method,
+                photo=[photo], session=PhotoSession(*chair), light=LightOptions(), out=out / method,
                 method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",
             )  # fmt: skip
         output.written(out / method)

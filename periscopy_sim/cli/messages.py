@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Report
+    from periscopy_sim.reconstruction.method import Note, Report
 
 SENTENCES = {
     "no_hidden_image": (
@@ -39,10 +39,11 @@ SENTENCES = {
     "patches": "Take more patches (--hidden).",
     "numbers": "Run calibrate.",
     "look": "Look at residual.png.",
-    "pass": "Pass {options}.",
+    "better_transport": "Pass {options}.",
     "paint": "Pass --monitor-off.",
     "measure": "Measure {names} again.",
     "distrusted_scene": "Its calibration is not trusted.",
+    "shadows": "{scene}: {doubt}",
     "default_method": "Try the default method.",
     "defects": "{name}: excluded pixels that do not measure the wall ({defects})",
     "trusted": "The calibration is trusted: {after} % unexplained, {before} % before.",
@@ -65,9 +66,9 @@ SENTENCES = {
     "transport_error": (
         "{name} by {model} errs by {error:.3g} % of the light, more than the noise of {noise:.3g} %"
     ),
-    "photograph_error": (
-        "the photograph's own error is {percent:.2g} % of its root mean square ({own:.0f} dB): "
-        "more than a third of the noise at {snr:g} dB"
+    "other_rays": (
+        "{name}: A of earlier cells has other rays to a patch, of {numbers}, since the photographs "
+        "had more noise; see 'samples' in sweep.csv, or name another --out"
     ),
     "bounces": (
         "{scene}: light that bounces off other surfaces is {ratio:.2g} times the noise: pass "
@@ -99,9 +100,28 @@ SENTENCES = {
 """By the code of a `Note`, or the code that a command gives."""
 
 
+BETTER_TRANSPORT = {
+    "file": "a --transport of more rays",
+    "size": "a --hidden of more patches, or a film of more pixels",
+    "areas": "--model analytic",
+    "rays": "--samples {more_rays}",
+}
+"""Options that lower the error of A, by the remedy of a note on it."""
+
+
 def sentence(code: str, **values: Any) -> str:
     """Return the sentence of a code."""
     return SENTENCES[code].format(**values)
+
+
+def note_sentence(note: "Note") -> str:
+    """Return the sentence of a note, with the options that help if there are any."""
+    values = dict(note.values)
+    options = BETTER_TRANSPORT.get(values.get("remedy", ""), "").format(**values)
+    if note.code == "distrusted_scene":
+        return distrusted(note.code, note.values["names"])
+    line = sentence(note.code, options=options, **values)
+    return f"{line}: pass {options}" if options and note.code == "transport_error" else line
 
 
 def report_sentences(report: "Report") -> list[str]:
@@ -109,11 +129,13 @@ def report_sentences(report: "Report") -> list[str]:
     notes = [*report.warnings, *report.notes]
     if report.verdict.code == "fits":  # others are among the warnings
         notes.insert(0, report.verdict)
-    return [sentence(note.code, **note.values) for note in notes]
+    return [*map(note_sentence, notes)]
 
 
 def colour(report: "Report") -> str:
     """Return the colour of a report's verdict: green where the scene fits, yellow if in doubt."""
+    if any(note.code == "distrusted_scene" for note in report.remedies):
+        return "red"
     return {"fits": "green", "does_not_fit": "red", "unexplained": "red"}.get(
         report.verdict.code, "yellow"
     )
@@ -125,9 +147,10 @@ def distrusted(code: str, names: Sequence[str], **values: str) -> str:
     return f"{sentence(code, **values)} {again}".rstrip()
 
 
-def verdict(report: "Report", remedy: str = "") -> str:
-    """Return one line: whether the scene fits, what is unexplained beside noise, and a remedy."""
-    return f"{sentence(report.verdict.code, **report.verdict.values)} {remedy}".rstrip()
+def verdict(report: "Report", *, with_remedies: bool = False) -> str:
+    """Return one line: whether the scene fits, what is unexplained beside noise, and remedies."""
+    notes = report.verdict, *(report.remedies if with_remedies else ())
+    return " ".join(map(note_sentence, notes))
 
 
 def assumptions(uncertain: Iterable[str]) -> str:

@@ -14,7 +14,7 @@ import typer
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Sizes
-from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of, size_of
+from periscopy_sim.numerics.limits import RANGES, SMALLEST, in_range, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
 from periscopy_sim.shipped import find_image
@@ -27,34 +27,6 @@ GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
-
-RANGES: Mapping[str, tuple[float, float]] = {
-    "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
-    "decibels": (-100, 300),
-    "ratio": (1e-6, 1e6),
-    "sbr": (1e-6, math.inf),
-    "error": (1e-5, 1),
-    "tolerance": (1e-15, 0.5),
-    "effort": (1e-4, 1),
-    "rate": (0.1, 1000),
-    "level": (-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
-    "side": (1, 10_000),  # of a block of pixels
-    "resolution": (2, 2048),  # as many pixels as a scene may have
-    "grid": (2, 100),
-    "inches": (2, 20),
-    "count": (1, 1000),
-    "samples": (1, 10**8),
-    "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
-    "camera samples": (1, 2**20),
-    "port": (0, 65535),
-    "parameter": (-LARGEST, LARGEST),
-}
-"""Least and greatest of each kind of number that users give."""
-
-
-def in_range(kind: str, *values: float) -> bool:
-    """Return whether numbers of a kind are in its range."""
-    return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
 
 
 def _existing_files(value: list[Path] | None) -> list[Path] | None:
@@ -416,13 +388,11 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
 
 
 def parse_indices(text: str, count: int) -> list[int]:
-    """Read indices and ranges of them, such as ``0,4-7``; ranges end below `count`."""
-    indices: list[int] = []
+    """Read indices below `count` and ranges of them, such as ``0,4-7``."""
     form = r"\s*([0-9]{1,12})(?:-([0-9]{1,12}))?\s*"
     parts = [re.fullmatch(form, each) for each in text.split(",")]
-    for part in filter(None, parts):
-        first = int(part[1])
-        indices += range(first, min(int(part[2]) + 1, count)) if part[2] else [first]
-    if not (indices and all(parts)):
-        raise PeriscopyError(f"'{text}': write numbers and ranges of {count} samples, as 0,5,8-11")
-    return list(dict.fromkeys(indices))
+    ends = [(int(part[1]), int(part[2] or part[1])) for part in filter(None, parts)]
+    if not all(parts) or not all(first <= last < count for first, last in ends):
+        form = f"numbers and ranges of 0 to {count - 1}, as 0,5,8-11"
+        raise PeriscopyError(f"--samples '{text}': write {form}")
+    return list(dict.fromkeys(index for first, last in ends for index in range(first, last + 1)))

@@ -9,7 +9,7 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options, output
-from periscopy_sim.cli.light import Light, check_memory
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.evaluation import metrics
@@ -18,7 +18,6 @@ from periscopy_sim.figures.space import draw_space
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
-from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.storage.formats.table import libraries_of
 from periscopy_sim.storage.glb import write_glb
 
@@ -42,7 +41,7 @@ def reconstruct(
     *,
     photo: options.PhotoArguments,
     session: PhotoSession,
-    light: Light,
+    light: LightOptions,
     matrix: options.MatricesOption = None,
     out: options.Out,
     method: options.MethodOption = DEFAULT,
@@ -54,7 +53,8 @@ def reconstruct(
 
     Of several views it takes one photograph each, with its --camera.
     """
-    from periscopy_sim.evaluation.methods import find_method, own_errors, source_sha256
+    from periscopy_sim.judgement import check_memory
+    from periscopy_sim.methods import find_method, own_errors, source_sha256
 
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
@@ -70,7 +70,7 @@ def reconstruct(
                 f"--method {method}: it takes one view; several take {', '.join(able)}"
             )
         _, *others = (view.scenario for view in views.values())
-        check_memory(session.scenario, method, others)
+        session.warn_of(check_memory(session.scenario, method, *others))
     errors = options.known_errors(text, session.scenario.document) if text else {}
     counts_errors = method in METHODS and METHODS[method].uncertain
     if errors and not counts_errors:
@@ -82,13 +82,13 @@ def reconstruct(
             view.check_scene(method, *libraries_of(photo))
             walls[camera] = view.wall(file)
         names = session.by_surface(truth, "--truth") if truth else None
-        known = names and session.scenario.hidden.images(session.hidden_image(names))
-        counts = counts_errors and uncertain != "none"
+        known = names and session.scenario.hidden.images(session.scenario.image(names))
+        counted = {} if uncertain == "none" else errors or None
+        lit = dict[str, ps.Scenario]()
         for camera, view in views.items():
-            moved = uncertain_light(view, errors) if counts else None
             matrix_file = next(reversed(matrices[camera]), None)  # the last counts
-            fit = method, settings, light, matrix_file, walls[camera], moved
-            methods[camera] = view.fit(*fit)
+            lit[camera] = view.lit(light, matrix_file)
+            methods[camera] = view.fit(method, settings, lit[camera], walls[camera], counted)
         of = ", ".join(map(str, photo))
         with (
             session.timed("reconstruct"),
@@ -101,14 +101,12 @@ def reconstruct(
             solution = joint.solve(wall)
             found = session.scenario.hidden.images(solution.image)
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
-        for camera, view in views.items():
-            view.check_bounces(methods[camera], images, walls[camera])
         doing = "residual and standard errors"
         with session.timed(doing), output.progress(f"computing {doing}"):
             report = joint.report(wall, solution)
             report, reports = report if several else (report, {session.sensor: report})
             reports = {
-                camera: views[camera].with_patches_tried(own, methods[camera], images)
+                camera: lit[camera].judge(walls[camera], solution, methods[camera], own)
                 for camera, own in reports.items()
             }
             report = report if several else reports[session.sensor]
@@ -117,7 +115,7 @@ def reconstruct(
                 for camera, file in zip(views, photo, strict=True)
             }
             for note in report.warnings if several else ():
-                session.warn(f"{of}: {messages.sentence(note.code, **note.values)}")
+                session.warn(f"{of}: {messages.note_sentence(note)}")
         titles = (f"photograph of {camera}" if several else "photograph" for camera in walls)
         used = (np.moveaxis(wall.planes, 0, -1) for wall in walls.values())
         shown = dict(zip(titles, used, strict=True))
@@ -137,7 +135,7 @@ def reconstruct(
         }
         session.write_summary(folder / "summary.json", summary)
     for note in chain(*(own.notes for own in reports.values() if several), report.notes):
-        output.say(messages.sentence(note.code, **note.values))
+        output.say(messages.note_sentence(note))
     if reflecting := session.scenario.scene.reflecting:
         output.say(messages.sentence("reflecting", names=", ".join(reflecting)))
     rows = [["method", method], ["time", f"{sum(session.seconds.values()):.1f} s"]]
@@ -167,18 +165,6 @@ def _of_views(
     return {"photograph_shape": shapes, "views": own}
 
 
-def uncertain_light(session: Session, given: dict[str, float]) -> "ps.UncertainTransport | None":
-    """Return what errors do to light: those named, else a calibration's, else the declared ones."""
-    from periscopy_sim.calibration.moving_scene import scene_uncertainty
-
-    if given:
-        return ps.uncertain_transport(session.scenario, given)
-    uncertain, notes = scene_uncertainty(session.scenario)
-    for note in notes:
-        session.warn(messages.sentence(note.code, **note.values))
-    return uncertain
-
-
 def write_report(
     folder: Path,
     report: "Report",
@@ -200,8 +186,7 @@ def write_report(
         panels.write_enlarged(folder / f"{name}.png", image, text)
     if not hidden.is_flat:
         wall = panels.displayable(next(iter(photographs.values())))  # of the scenario's view
-        if is_vectorized():  # ray by ray it would take an hour
-            draw_space(folder / "space.png", scenario, lit, wall, text)
+        draw_space(folder / "space.png", scenario, lit, wall, text)
         write_glb(folder / "hidden.glb", scenario, lit, wall, text)
     if report.stages:
         stages = [(title, hidden.images(stage)) for title, stage in report.stages]

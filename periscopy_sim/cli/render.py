@@ -1,7 +1,7 @@
 """`periscopy photograph`, `periscopy ambient` and `periscopy transport`: what a scene renders."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from periscopy_sim.cli.light import MonitorLight, most_bounces
 from periscopy_sim.cli.options import LIGHT, argument, option
 from periscopy_sim.cli.output import output_files, progress, record, show_table, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.measurement import composite_error, noise_to_signal
 from periscopy_sim.storage.ambient_library import (
     CONDITIONS,
     ambient_photographs,
@@ -20,9 +19,6 @@ from periscopy_sim.storage.ambient_library import (
 )
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
-
-if TYPE_CHECKING:
-    from periscopy_sim.rendering.transport.plan import TransportPlan
 
 _TARGET = "Relative error of a pixel of ambient light to reach."
 TargetOption = Annotated[float, option("NUMBER", _TARGET, kind="error")]
@@ -54,16 +50,13 @@ def photograph(
 
     Its own error is at most a third of the noise of --snr (else of 60 dB); a line says if not.
     """
-    from periscopy_sim.rendering.photograph import SNR, rendering_of
-
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
-    if is_rendered := ambient is not None and not is_photograph(ambient):
+    if ambient is not None and not is_photograph(ambient):
         find_condition(ambient)
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
-    most, purpose = most_bounces(bounces), SNR if snr is None else snr
-    mixed = np.asarray if colours is None else colours.mix  # of light in the scene's channels
+    most = most_bounces(bounces)
     if colours is not None and len(colours.matrix) != 3:
         raise ps.PeriscopyError(f"{colour_matrix}: give three rows: photographs as EXR have three")
     names = session.by_surface([*filter(None, [image]), *(images or ())], "--image")
@@ -77,28 +70,19 @@ def photograph(
     }  # fmt: skip
     with output_files(out) as (file,):
         session.check_shadows()
-        picture = session.hidden_image(names)
-        background = None if ambient is None else session.ambient_light(ambient, target)
-        # Light that ambient light outshines may err more; both together have a third of the noise.
-        noise = noise_to_signal(purpose, np.inf)
-        if background is not None and sbr is not None:
-            noise = noise_to_signal(purpose, sbr) / np.sqrt(2)
+        picture = session.scenario.image(names)
+        if ambient is not None:
+            session.ambient_light(ambient, target)
         with progress("rendering the photograph") as report:
-            rendered = rendering_of(
-                session.scenario, picture, snr=-20 * np.log10(noise), samples=samples,
-                bounces=most, seed=session.seed, progress=report,
+            y = session.scenario.photograph(
+                picture, ambient=ambient, sbr=sbr, snr=snr, bounces=most, samples=samples,
+                target=target, colour_matrix=colours, progress=report,
             )  # fmt: skip
-        y, error = mixed(rendered.photograph), rendered.relative_error
-        if background is not None and sbr is not None:
-            light = mixed(background.photograph) if is_rendered else background.photograph
-            error = composite_error(y, light, sbr, error, background.relative_error)
-            y = ps.composite(y, light, sbr)
-        settings["relative_error"] = float(f"{error:.3g}")
-        if snr is not None or samples is None:
-            session.check_photograph(error, purpose)
-        y = y if snr is None else ps.add_noise(y, snr, session.seed)
+        settings["relative_error"] = float(f"{y.relative_error:.3g}")
+        for line in y.warnings:
+            session.warn(line)
         settings["image_sha256"] = image_sha256(picture)
-        write_exr(file, y, as_text({**settings, **session.provenance}))
+        write_exr(file, y.values, as_text({**settings, **session.provenance}))
     record(**settings)
 
 
@@ -137,19 +121,13 @@ def transport(session: Session, light: MonitorLight, out: options.OutFile) -> No
     file holds the mean of the channels' matrices, and an NPZ file their differences from it.
     """
     options.require_suffix(out, ".npy", "the matrix")
-    session.check_scene()
-    plan = light.plan(session.scenario, None, session.seed)
-    write_transport(session, light, plan, out)
-
-
-def write_transport(
-    session: Session, light: MonitorLight, plan: "TransportPlan", out: Path
-) -> None:
-    """Compute A as planned; write it with the files beside it, and show how."""
     from periscopy_sim.storage.transport_matrix import transport_writer
 
+    session.check_scene()
     with transport_writer(out, light.most_bounces) as write:
-        A = light.transport(session.scenario, plan, session.seed)
+        scenario = session.lit(light)
+        session.transport(scenario)
+        A, plan = scenario.transport(), scenario.plan()
         origin = {
             "photograph_shape": session.scenario.photograph_shape,
             "hidden_shape": session.hidden_shape,

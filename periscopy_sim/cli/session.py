@@ -3,46 +3,29 @@
 import re
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.prior import distant_parameters
-from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.cli import messages, options
-from periscopy_sim.cli.light import Light, check_memory
-from periscopy_sim.cli.messages import colour, sentence
-from periscopy_sim.cli.output import fixable, progress, warn, write_json
-from periscopy_sim.model.noise import relative_noise
+from periscopy_sim.cli.light import LightOptions, MonitorLight
+from periscopy_sim.cli.messages import colour, note_sentence, sentence
+from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
-from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
-from periscopy_sim.rendering.survey import shadow_doubt
-from periscopy_sim.rendering.transport.kernel import Strata
+from periscopy_sim.reconstruction.registry import DEFAULT
+from periscopy_sim.scenario import TARGET
 from periscopy_sim.scene import CAMERA
-from periscopy_sim.storage.ambient_library import (
-    TARGET,
-    ambient_light,
-    find_condition,
-    is_photograph,
-)
 from periscopy_sim.storage.outputs.provenance import as_text, provenance
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Report, StillMethod
-
-DIFFUSE = "diffuse", "null"
-"""Materials whose reflected light, if any, is the same in all directions."""
-
-SIGNIFICANT = 3.0
-"""Standard deviations of the noise of all pixels' mean that a white surface's light exceeds."""
+    from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 
 
 def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
@@ -93,7 +76,9 @@ class Session(options.OptionGroup):
             if len(scene.emission) > 1:
                 check_file_names(self.path, "hidden surface", scene.emission)
             sizes = self.sizes or dict.fromkeys(scene.emission, self.patches)
-            scenario = ps.load_scenario(scene, sizes, photograph=self.pixels, camera=self.sensor)
+            scenario = ps.load_scenario(
+                scene, sizes, photograph=self.pixels, camera=self.sensor, seed=self.seed
+            )
         for name, surface in scenario.hidden.items() if self.sizes else ():
             (rows, columns), sides = surface.shape, (surface.across, surface.up)
             across, up = (np.median(np.linalg.norm(each, axis=1)) for each in sides)
@@ -130,30 +115,48 @@ class Session(options.OptionGroup):
         """The provenance as text, for the metadata of pictures."""
         return as_text(self.provenance)
 
+    def lit(
+        self,
+        light: MonitorLight,
+        matrix: Path | None = None,
+        strata: Literal["jittered", "gauss"] = "jittered",
+    ) -> ps.Scenario:
+        """Return the scenario whose light is computed by options, or whose A is of a file."""
+        from periscopy_sim.storage.transport_matrix import read_record, read_transport
+
+        lit = replace(light.of(self.scenario), strata=strata)
+        self.record["transport"] = matrix
+        if matrix is not None:
+            A = read_transport(matrix, self.scenario, light.most_bounces)
+            if not (record := read_record(matrix)):
+                self.warn(sentence("no_record", file=matrix))
+            lit = replace(lit, matrix=A, record=record)
+        if isinstance(light, LightOptions):
+            self.settings |= light.origin
+        return replace(self.scenario, light=lit)
+
     def check_scene(self, method: str = "", *libraries: str) -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
-        from periscopy_sim.evaluation.methods import check_able
+        from periscopy_sim.methods import check_able
 
-        check_able(method, self.scenario.hidden, *libraries)
-        check_memory(self.scenario, method)
-        self.check_lights()
-        self.check_shadows()
-
-    def check_lights(self) -> None:
-        """Name the lights that are not in A, and surfaces that are not diffuse; a line each."""
-        if lights := self.scenario.scene.lights:
-            names = ", ".join(f"'{name}'" for name in lights)
-            self.warn(sentence("other_lights", scene=self.scene, names=names))
-        reflecting = self.scenario.scene.reflecting.items()
-        if glossy := {name: each for name, each in reflecting if each not in DIFFUSE}:
-            names, materials = ", ".join(glossy), ", ".join(dict.fromkeys(glossy.values()))
-            self.warn(sentence("glossy", scene=self.scene, names=names, materials=materials))
+        scenario = self.scenario  # loading it is a stage of its own
+        check_able(method, scenario.hidden, *libraries)
+        with self.timed("check the scene"), progress("checking the scene"):
+            self.warn_of(scenario.check(method))
 
     def check_shadows(self) -> None:
         """Warn where no occluder casts a shadow into the camera's view."""
+        scenario = self.scenario
         with self.timed("check the scene"), progress("checking the scene"):
-            if doubt := shadow_doubt(self.scenario):
-                self.warn(f"{self.scene}: {doubt}")
+            self.warn_of(scenario.check(), but=("other_lights", "glossy"))
+
+    def warn_of(self, notes: "Iterable[Note]", but: Collection[str] = ()) -> None:
+        """Print notes, one line each, but for those of some codes."""
+        for note in notes:
+            if note.code == "fine_grid":
+                say(note_sentence(note))
+            elif note.code not in but:
+                self.warn(note_sentence(note))
 
     def warn(self, line: str) -> None:
         """Print a warning, and keep it for the summary; views of one scene have some in common."""
@@ -173,23 +176,12 @@ class Session(options.OptionGroup):
             raise ps.PeriscopyError(f"{flag}{wrong}: name each hidden surface once: {form}")
         return pairs
 
-    def hidden_image(self, names: str | Mapping[str, str]) -> Any:
-        """Read the hidden image, (R, C, 3), of the session's patches: a file, or a shipped one.
-
-        Of several surfaces it is a mapping by id; a name alone is shown by all of them.
-        """
-        hidden = self.scenario.hidden
-        by_id = dict.fromkeys(hidden, names) if isinstance(names, str) else names
-        images = {n: ps.read_hidden_image(ps.find_image(by_id[n]), hidden[n].shape) for n in hidden}
-        return hidden.unwrapped(images)
-
     def ambient_light(self, name: str, target: float = TARGET) -> "ps.Background":
         """Return ambient light: of a photograph, of no known error, or of a condition."""
-        if is_photograph(name):
-            return ps.Background(self.photograph(Path(name)).values, 0.0, 0.0)
-        return ambient_light(
-            find_condition(name), self.scenario, self.seed, target=target, progress=progress
-        )
+        light = self.scenario.ambient(name, target=target, progress=progress)
+        for line in light.warnings:
+            self.warn(line)
+        return light
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
@@ -198,78 +190,22 @@ class Session(options.OptionGroup):
             self.warn(warning)
         return photograph
 
-    def check_photograph(self, error: float, snr: float) -> None:
-        """Warn where the own error of a photograph exceeds a third of its noise, of an SNR."""
-        from periscopy_sim.rendering.photograph import allowed_error
-
-        if error > allowed_error(snr):
-            own = {"percent": 100 * error, "own": -20 * np.log10(error)}
-            self.warn(sentence("photograph_error", **own, snr=snr))
-
     def transport(
-        self,
-        light: Light,
-        noise: float | None = None,
-        *,
-        matrix: Path | None = None,
-        method: str = DEFAULT,
-        strata: Strata = "jittered",
-    ) -> NDArray[np.float32]:
-        """Return the mean of A over the channels, (M, N): of a file, or as `Light.plan` chooses.
+        self, scenario: ps.Scenario, noise: float | None = None, method: str = DEFAULT
+    ) -> None:
+        """Make a scenario's A, by stages that show their progress; warn of what it lacks.
 
-        The noise is that of the photographs that A is fitted to, over their mean; None of none. A
-        warning says where the error of A exceeds it.
+        The noise is that of the photographs that A is fitted to, over their mean; None of none.
         """
-        from periscopy_sim.rendering.transport.bounced import channels_mean
-        from periscopy_sim.storage import transport_matrix as files
-
-        if matrix is None:
-            plan = light.plan(self.scenario, noise, self.seed, method)
-            A, origin = light.transport(self.scenario, plan, self.seed, strata), plan.origin
-        else:
-            A = files.read_transport(matrix, self.scenario, light.most_bounces)
-            if not (record := files.read_record(matrix)):
-                self.warn(sentence("no_record", file=matrix))
-            origin = {**record, "model": "file", "samples": None}
-        origin = {name: origin.get(name) for name in ("model", "samples", "transport_error")}
-        self.record |= {**origin, "transport": matrix}
-        self.settings |= light.origin
-        if noise is not None:
-            self.record["relative_noise"] = noise
-            wants_grain = method in METHODS and METHODS[method].rays  # a ridge for P
-            if matrix or light.samples or light.model or not wants_grain:
-                self.check_error(origin, noise)
-        A = np.asarray(channels_mean(A))
-        white = A.sum(axis=0, dtype=np.float64) / (A.sum(dtype=np.float64) or 1.0)
-        least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))
-        for name, part in self.scenario.hidden.slices.items():
-            if (share := float(white[part].sum())) < least:
-                self.warn(sentence("hardly_seen", name=name, percent=100 * share))
-        return A
-
-    def check_error(self, origin: Mapping[str, Any], noise: float, name: str = "A") -> None:
-        """Warn where the error of an A exceeds the photographs' noise, both over their mean."""
-        if better := self.better_transport(origin, noise):
-            percent = {"error": 100 * origin["transport_error"], "noise": 100 * noise}
-            model = "areas" if origin["model"] == "analytic" else "rays"
-            excess = sentence("transport_error", name=name, model=model, **percent)
-            self.warn(f"{excess}: pass {better}")
-
-    def better_transport(self, origin: Mapping[str, Any], noise: float | None) -> str:
-        """Return the options that lower the error of an A; empty where it is below the noise."""
-        from periscopy_sim.analytic.area_transport import has_areas
-        from periscopy_sim.model.fit import PRECISION
-
-        error = origin.get("transport_error")
-        if error is None or noise is None or error <= max(noise, PRECISION):
-            return ""
-        if origin["model"] == "file":
-            return "a --transport of more rays"
-        if origin["model"] == "analytic":
-            return "a --hidden of more patches, or a film of more pixels"
-        if has_areas(self.scenario):
-            return "--model analytic"
-        return f"--samples {4 * (origin['samples'] or RAYS)}"
+        with progress("choosing how A is made"):
+            plan = scenario.plan(noise, method)
+        verb = "rendering" if plan.by == "rays" else "computing"
+        with progress(f"{verb} the transport matrix") as report:
+            scenario.transport(noise, method, progress=report)
+        names = "model", "samples", "transport_error"
+        self.record |= {name: plan.origin[name] for name in names}
+        self.record |= {} if noise is None else {"relative_noise": noise}
+        self.warn_of(scenario.check_light(noise, method))
 
     def write_summary(self, file: Path, values: Mapping[str, Any]) -> None:
         """Write a command's numbers as JSON, with sizes, warnings, seconds and provenance."""
@@ -347,67 +283,21 @@ class PhotoSession(WallSession):
         self,
         method: str,
         settings: Mapping[str, float],
-        light: Light,
-        matrix: Path | None,
+        scenario: ps.Scenario,
         wall: ps.Photograph,
-        uncertain: "ps.UncertainTransport | None" = None,
+        errors: Mapping[str, float] | None = None,
     ) -> "StillMethod[Any]":
-        """Return a method fitted to the scene's A, of a file if one is given, B and the wall."""
-        from periscopy_sim.evaluation.methods import check_rank, fit_method
-
+        """Return a method fitted to a scenario and a photograph, by stages that are timed."""
         colours = wall.colour_matrix and wall.colour_matrix.matrix
         self.settings |= {"method": method, **settings, "colour_matrix": colours}
+        self.warn_of(scenario.uncertainty(method, errors)[1])
         with self.timed("transport matrix"):
-            noise = relative_noise(wall)
-            A = self.transport(light, noise, matrix=matrix, method=method)
+            self.transport(scenario, scenario.noise(wall), method)
         with self.timed("prototype backgrounds"), progress("computing the prototype backgrounds"):
-            B = light.backgrounds(self.scenario)
-        place = fixable(str(matrix or f"scene '{self.path}'"))
+            _ = scenario.B
+        place = fixable(str(self.record["transport"] or f"scene '{self.path}'"))
         with self.timed("fit the method"), progress(f"fitting {method}"), place:
-            fitted = fit_method(method, self.scenario, A, B, wall, uncertain, **settings)
-            check_rank(fitted, self.scenario, self.record["samples"], wall.pixels, self.seed)
-            return fitted
-
-    def check_bounces(
-        self, fitted: "StillMethod[Any]", images: Mapping[str, Array], wall: ps.Photograph
-    ) -> None:
-        """Warn where light of the images that bounces, and no ambient light of B, exceeds noise.
-
-        A direct A lacks it.
-        """
-        from periscopy_sim.rendering.photograph import bounced_light
-        from periscopy_sim.rendering.variant import is_vectorized
-
-        noise = self.record.get("relative_noise")
-        is_plain = {each.shape[2] for each in images.values()} == {3} and fitted.fit.mixing is None
-        if self.settings.get("bounces") != "direct" or not (noise and is_plain and is_vectorized()):
-            return
-        if self.scenario.scene.transparent:
-            return
-        with self.timed("light that bounces"), progress("estimating light that bounces"):
-            light = bounced_light(self.scenario, images, self.seed)
-        shape = *self.scenario.photograph_shape, 3
-        planes, mean = (fitted.fit.vectors(each).T for each in (light.reshape(shape), wall.values))
-        rest = np.sqrt(np.mean(fitted.fit.project_out(planes) ** 2, axis=1))
-        if (ratio := float((rest / mean.mean(axis=1)).max()) / noise) > 1:
-            self.warn(sentence("bounces", scene=self.scene, ratio=ratio))
-
-    def with_patches_tried(
-        self, report: "Report", fitted: "StillMethod[Any]", images: Mapping[str, Array]
-    ) -> "Report":
-        """Return a doubted report with what smaller patches would explain, by areas."""
-        from periscopy_sim.analytic.area_transport import has_areas
-        from periscopy_sim.rendering.photograph import detail_light
-
-        residual, fit = report.residual, fitted.fit
-        if residual is None or residual.unexplained_by_any is None or not report.is_doubted:
-            return report
-        if fit.mixing is not None or not has_areas(self.scenario):
-            return report
-        light = np.asarray(fit.used(detail_light(self.scenario, images)).T[None], np.float64)
-        residual = residual.tried("patches", light, fit)
-        numbers = {**report.numbers, **residual.numbers()}
-        return replace(report, residual=residual, numbers=numbers)
+            return scenario.method(method, wall, errors=errors, **settings)
 
     def views(self, photos: Sequence[Path]) -> "dict[str, PhotoSession]":
         """Return the session of each photograph's view, by its camera; what they share is one's."""
@@ -432,35 +322,14 @@ class PhotoSession(WallSession):
         return views
 
     def judge(self, name: str, report: "Report") -> tuple[str, str]:
-        """Return a report's verdict, one line with a remedy, and its colour; print other warnings.
+        """Return a report's verdict, one line with remedies, and its colour; print its warnings.
 
         A calibration that the scene carries and that is not trusted is a part of the verdict.
         """
-        known = scene_covariance(self.scenario.document)
-        remedy, shade = self._remedy(report, is_calibrated=known is not None), colour(report)
-        if known and not known.trusted:
-            names = distant_parameters(self.scenario.document)
-            remedy, shade = messages.distrusted("distrusted_scene", names), "red"
-        line = messages.verdict(report, remedy)
+        line, shade = messages.verdict(report, with_remedies=True), colour(report)
         for note in report.warnings:
             if note.code != report.verdict.code:
-                self.warn(f"{name}: {sentence(note.code, **note.values)}")
+                self.warn(f"{name}: {note_sentence(note)}")
         if shade == "red" or report.is_doubted:
             self.warnings.append(f"{name}: {line}")
         return line, shade
-
-    def _remedy(self, report: "Report", is_calibrated: bool) -> str:
-        """Return the remedies that lower the residual of this photograph, or where to look."""
-        if report.verdict.code == "unexplained" and self.settings.get("method") != DEFAULT:
-            return sentence("default_method")
-        residual, error = report.residual, self.record.get("transport_error") or 0.0
-        if residual is None or not report.is_doubted:
-            return ""
-        better = self.better_transport(self.record, self.record.get("relative_noise"))
-        if better and 2 * error**2 > residual.misfit:  # the larger part of it
-            return sentence("pass", options=better)
-        untried = {
-            "patches": True, "numbers": not is_calibrated, "paint": not self.monitor_off
-        }  # fmt: skip
-        remedies = [name for name in residual.remedies if untried[name]]
-        return " ".join(map(sentence, remedies or ["look"]))

@@ -8,10 +8,10 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import OUTPUT, argument, option
 from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
-from periscopy_sim.cli.reconstruct import draw_residual, uncertain_light
+from periscopy_sim.cli.reconstruct import draw_residual
 from periscopy_sim.cli.session import PhotoSession, Session
 from periscopy_sim.figures import animation
 from periscopy_sim.hidden import named
@@ -35,7 +35,7 @@ def video(
     *,
     frames: Annotated[Path, argument("FRAMES", _FRAMES, exists=True)],
     session: PhotoSession,
-    light: Light,
+    light: LightOptions,
     matrix: options.MatrixOption = None,
     out: options.Out,
     method: options.VideoMethodOption = DEFAULT,
@@ -63,12 +63,12 @@ def video(
             path = Path(text) if Path(text).is_dir() else ps.find_image(text)
             size = session.scenario.hidden[surface].shape
             known[surface] = np.stack([*sequences.read_hidden_frames(path, size, len(names))])
-        moved = uncertain_light(session, {}) if entry.uncertain else None
-        still = session.fit(method, for_still, light, matrix, wall, moved)
+        scenario = session.lit(light, matrix)
+        still = session.fit(method, for_still, scenario, wall)
         recovery = entry.frames_by(still, coupling, **settings)
         with fixable(f"{frames}, first frame"):
             images, records, first = _recover(session, recovery, names, photographs)
-            report = still.report(wall, first)
+            report = scenario.judge(wall, first, still)
             verdict, colour = session.judge(f"{frames}, first frame", report)
         flat = np.concatenate([f.reshape(len(f), -1, f.shape[-1]) for f in images.values()], axis=1)
         metadata, white = session.metadata, animation.white_of(flat)

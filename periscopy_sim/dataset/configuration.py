@@ -143,9 +143,7 @@ class Direct(Strict):
     """Photographs A f: light that the wall reflects once; A errs less than their noise."""
 
     kind: Literal["direct"] = "direct"
-    samples: Rays | None = (
-        None  # from each pixel's centre to each patch; None: see `plan_transport`
-    )
+    samples: Rays | None = None  # from each pixel's centre to each patch; None: see `planned`
 
 
 class Bounced(Strict):

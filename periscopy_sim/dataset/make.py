@@ -15,11 +15,10 @@ from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
 from periscopy_sim.dataset.samples import (
     Backgrounds,
     Block,
-    Geometry,
     GeometryDraw,
+    RenderedGeometry,
     backgrounds_of,
     draw_geometry,
-    flat_backgrounds,
     make_samples,
     missing_lights,
     render_geometry,
@@ -27,7 +26,7 @@ from periscopy_sim.dataset.samples import (
 )
 from periscopy_sim.errors import ConfigurationError, OutputError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
-from periscopy_sim.numerics.machine import ahead, timed
+from periscopy_sim.numerics.machine import ahead, core_count, timed
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.ambient_library import Progress, silent
@@ -108,8 +107,9 @@ def make_dataset(
     Warns
     -----
     RuntimeWarning
-        A scene has lights beside the monitor, or light that bounces is not known well enough, see
-        `render_bounced_light`. The archive's `bounced_error` has the error of each geometry.
+        A scene has lights beside the monitor, A errs by more than a third of the least noise, or
+        light that bounces is not known well enough, see `render_bounced_light`. The archive's
+        `bounced_error` has the error of each geometry.
     """
     out, report = place(out), progress or (lambda *_: None)
     settings = configuration.located()
@@ -153,15 +153,17 @@ def make_dataset(
         if planned is not None:
             rooms = missing_lights(settings, first, out / MAKING) if shares else 0
             planned(Work(made, len(shares), rooms, 1e-6 * made * layout.sample_bytes))
-        begun: dict[int, Geometry] = {}
+        begun: dict[int, RenderedGeometry] = {}
         if shares and scheduler is None and estimated is not None:
-            flat = settings, layout.photograph_shape, flat_backgrounds(settings, first)
+            flat = settings, layout.photograph_shape, backgrounds_of(settings, first, out / MAKING)
             number, (block, *_) = next(iter(shares.items()))
             of_geometry, begun[number] = timed(partial(_geometry, flat, number))
-            of_block, (_, values) = timed(partial(_block, flat, (begun[number], block)))
+            together = [(begun[number], block)] * core_count()  # as many as run at once
+            of_all, tried = timed(lambda: [*ahead(partial(_block, flat), together)])
             with TemporaryDirectory() as folder:
                 trial = BlockStore(Path(folder), store.layout, attributes, labels)
-                of_block += timed(partial(trial.write, (block,), values))[0]
+                of_block = timed(partial(trial.write, (block,), tried[0][1]))[0]
+            of_block += of_all / len(together)
             estimated((len(shares) - 1) * of_geometry + blocks * of_block)
         backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
         shared = settings, layout.photograph_shape, backgrounds
@@ -194,7 +196,7 @@ def _made(
     shares: Mapping[int, Sequence[int]],
     scheduler: str | None,
     store: BlockStore,
-    begun: dict[int, Geometry],
+    begun: dict[int, RenderedGeometry],
 ) -> Iterator[tuple[int, Block]]:
     """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
 
@@ -234,14 +236,14 @@ def _make_share(
     return made
 
 
-def _geometry(shared: _Shared, number: int) -> Geometry:
+def _geometry(shared: _Shared, number: int) -> RenderedGeometry:
     settings, shape, _ = shared
     geometry = render_geometry(settings, number)
     _check_shape(number, geometry.scenario, shape)
     return geometry
 
 
-def _block(shared: _Shared, item: tuple[Geometry, int]) -> tuple[int, Block]:
+def _block(shared: _Shared, item: tuple[RenderedGeometry, int]) -> tuple[int, Block]:
     """Return the number of a block, and the block."""
     (settings, _, backgrounds), (geometry, number) = shared, item
     start, stop = (n * settings.samples_per_shard for n in (number, number + 1))

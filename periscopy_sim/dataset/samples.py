@@ -34,15 +34,13 @@ from periscopy_sim.measurement import add_noise
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import combine_rows, times_rows
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.rendering.transport.bounced import BouncedTransport, add_bounces, channels_mean
-from periscopy_sim.rendering.transport.plan import SMALL, planned
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
+from periscopy_sim.rendering.transport.plan import SMALL
+from periscopy_sim.scenario import Light, Scenario, load_scenario
 from periscopy_sim.storage.ambient_library import (
     Progress,
     ambient_photographs,
-    cached_light,
-    find_condition,
+    missing_photographs,
 )
 from periscopy_sim.storage.photographs import read_photograph
 
@@ -166,7 +164,7 @@ Block = dict[str, NDArray[Any]]
 
 def make_samples(
     configuration: Configuration,
-    geometry: "Geometry",
+    geometry: "RenderedGeometry",
     backgrounds: "Backgrounds",
     start: int,
     stop: int,
@@ -236,7 +234,7 @@ def make_samples(
     return block
 
 
-def _signals(geometry: "Geometry", hidden: Sequence[Array]) -> NDArray[np.floating[Any]]:
+def _signals(geometry: "RenderedGeometry", hidden: Sequence[Array]) -> NDArray[np.floating[Any]]:
     """Return photographs of the hidden surfaces' light alone, (n, rows, columns, 3)."""
     scenario, A = geometry.scenario, geometry.transport
     frames, channels = len(hidden[0]), hidden[0].shape[-1]
@@ -297,7 +295,7 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
     return np.asarray(combine_rows(np.ascontiguousarray(weights.T), ψ).T, np.float64)
 
 
-def _labels(geometry: "Geometry", clips: list[ClipDraw], length: int) -> Block:
+def _labels(geometry: "RenderedGeometry", clips: list[ClipDraw], length: int) -> Block:
     """Return the variables of one value for each sample, of clips of `length` frames."""
     draw = geometry.draw
     of_geometry: dict[str, Any] = {"geometry": draw.number, "split": draw.split}
@@ -326,9 +324,12 @@ _rendering = threading.Lock()
 LEAST_NOISE = 1e-4
 """Noise over the mean of the photographs that A is made for: 80 dB."""
 
+TRIED = 8
+"""Clips of a geometry whose first images show the error of A."""
+
 
 @dataclass(frozen=True, eq=False)
-class Geometry:
+class RenderedGeometry:
     """A scene with its parameters, ready to take photographs by A."""
 
     draw: GeometryDraw
@@ -338,60 +339,51 @@ class Geometry:
 
 def scenario_of(configuration: Configuration, draw: GeometryDraw) -> Scenario:
     """Return the scene of a geometry; the error of one that cannot be loaded has its parameters."""
-    scene = configuration.scenes[draw.source].scene
+    scene, of = configuration.scenes[draw.source].scene, configuration.light
+    bounces = of.bounces if isinstance(of, Bounced) else 1
+    # The seed is the data set's own: samples of A are no random draw of a sample.
+    light, seed = Light(samples=of.samples, bounces=bounces), configuration.seed
     place = f"geometry {draw.number} ({draw.parameters or 'no parameters'})"
     try:
         with _rendering:
-            return load_scenario(scene, configuration.hidden, draw.parameters)
+            return load_scenario(
+                scene, configuration.hidden, draw.parameters, light=light, seed=seed
+            )
     except SceneError as error:
         raise ConfigurationError(f"{place}: {error}") from error
 
 
-def render_geometry(settings: Configuration, number: int) -> Geometry:
+def render_geometry(settings: Configuration, number: int) -> RenderedGeometry:
     """Return a geometry with its A: 66 MB at 36 x 29 patches, 126 x 126 pixels, direct light."""
-    draw, light = draw_geometry(settings, number), settings.light
+    draw = draw_geometry(settings, number)
     scenario = scenario_of(settings, draw)
+    first = number * settings.samples_per_geometry // settings.clip_length
+    clips = (draw_clip(settings, first + k).hidden for k in range(TRIED))
+    ids = named("hidden", {name: name for name in scenario.hidden})
+    joined = (scenario.hidden.join({ids[n]: f[0] for n, f in clip.items()}) for clip in clips)
+    images = np.stack([*joined])
+    noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
     with _rendering:
-        # The seed is the data set's own: samples of A are no random draw of a sample.
-        noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
-        plan, made = planned(scenario, noise, samples=light.samples, seed=settings.seed)
-        if light.samples is None and plan.error > SMALL * noise:
-            warnings.warn(
-                f"geometry {number}: A errs by {plan.error:.1e} of its mean, more than a third of "
-                f"the noise at {-20 * np.log10(noise):.0f} dB",
-                stacklevel=2,
-            )
-        A = plan.transport(scenario, made, seed=settings.seed)
-        if isinstance(light, Bounced):
-            bounced = add_bounces(scenario, A, light.bounces, seed=settings.seed)
-            return Geometry(draw, scenario, bounced)
-    return Geometry(draw, scenario, A)
+        error, A = scenario.transport_of(images, noise)
+    if error > SMALL * noise:
+        warnings.warn(
+            f"geometry {number}: A errs by up to {error:.1e} of the light of its first images, "
+            f"more than a third of the noise at {-20 * np.log10(noise):.0f} dB",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return RenderedGeometry(draw, scenario, A)
 
 
 def missing_lights(settings: Configuration, scenario: Scenario, folder: Path) -> int:
     """Return how many conditions `backgrounds_of` renders."""
-    wall, files = _in_grey(scenario), set[Path]()
-    for number, source in enumerate(settings.ambient):
-        if not isinstance(source, Conditions):
-            continue
-        for name in source.names:
-            kept = folder / f"ambient-{number}" / f"{Path(name).stem}.exr"
-            file = cached_light(find_condition(name), wall, settings.seed, source.target)
-            files |= set() if kept.is_file() or file.is_file() else {file}
-    return len(files)
-
-
-def flat_backgrounds(settings: Configuration, scenario: Scenario) -> Backgrounds:
-    """Return even light in the place of `backgrounds_of`, to try how long a sample takes."""
-    shape = scenario.photograph_shape
-    sizes = {
-        number: (len(source.names), *shape, 3)
-        if isinstance(source, Conditions)
-        else (len(source.files), *shape, settings.channels)
-        for number, source in enumerate(settings.ambient)
-        if isinstance(source, Conditions | Pictures)
-    }
-    return {number: np.ones(size, np.float32) for number, size in sizes.items()}
+    wall, seed = _in_grey(scenario), settings.seed
+    sources = ((n, each) for n, each in enumerate(settings.ambient) if isinstance(each, Conditions))
+    missing = (
+        missing_photographs(each.names, wall, folder / f"ambient-{n}", seed, each.target)
+        for n, each in sources
+    )
+    return len(set().union(*missing))
 
 
 def _in_grey(scenario: Scenario) -> Scenario:
@@ -403,15 +395,20 @@ def _in_grey(scenario: Scenario) -> Scenario:
 
 
 def backgrounds_of(
-    settings: Configuration, scenario: Scenario, folder: Path, progress: Progress
+    settings: Configuration, scenario: Scenario, folder: Path, progress: Progress | None = None
 ) -> Backgrounds:
     """Return the ambient light of each source of pictures or conditions, on a scene's wall in grey.
 
     Pictures show the scene's wall, with a positive mean; `folder` keeps rendered conditions.
+    Without `progress` even light takes their place, to try how long a sample takes.
     """
     scenario, light = _in_grey(scenario), dict[int, NDArray[np.float32]]()
     for number, source in enumerate(settings.ambient):
-        if isinstance(source, Conditions):
+        if isinstance(source, Conditions) and progress is None:
+            even = np.ones((*scenario.photograph_shape, 3))
+            pictures = dict.fromkeys(source.names, even)
+        elif isinstance(source, Conditions):
+            assert progress is not None
             rendered = ambient_photographs(
                 source.names, scenario, folder / f"ambient-{number}", settings.seed,
                 target=source.target, progress=progress,

@@ -7,9 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from periscopy_sim.calibration.calibrate import calibrate
 from periscopy_sim.calibration.result import Calibration
-from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.numerics import Image
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Method
@@ -70,12 +68,8 @@ class Calibrator:
         """Calibrate by a photograph, (rows, columns, channels)."""
         digest = array_sha256(np.asarray(values))
         if digest not in self._found:
-            self._found[digest] = calibrate(
-                replace(self.wall, values=np.asarray(values, np.float64)),
-                self.scenario.scene,
-                self.scenario.hidden.shapes,
-                camera=self.scenario.view.camera,
-            )
+            wall = replace(self.wall, values=np.asarray(values, np.float64))
+            self._found[digest] = self.scenario.calibrate(wall, seed=0)
         return self._found[digest]
 
     def measures(self, values: Image) -> dict[str, float]:
@@ -99,11 +93,11 @@ class Calibrated:
     calibrator
         Finds the scene.
     fit
-        Returns the method, fitted to a scene and to what is known of its errors.
+        Returns the method, fitted to a calibrated scenario.
     """
 
     calibrator: Calibrator
-    fit: Callable[[Scenario, SceneCovariance], Method]
+    fit: Callable[[Scenario], Method]
 
     def fitted_to(self, photograph: Photograph) -> Self:
         """Return this: `calibrator` and `fit` know the photographs' conditions."""
@@ -123,9 +117,7 @@ class Calibrated:
         A PhotographError or a SceneError says that this photograph determines no number.
         """
         with ONE_AT_A_TIME:
-            found = self.calibrator(photograph)
-            scenario = self.calibrator.scenario.at(**found.values)
-            return self.fit(scenario, found.scene_covariance)
+            return self.fit(self.calibrator(photograph).scenario)
 
     def measures(self, photograph: Image) -> dict[str, float]:
         """Return the measures of the calibration by a photograph, see `measures_of`."""

@@ -10,23 +10,35 @@ A point that makes no scene fails alone. An interrupted design resumes from its 
 import csv
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.video_metrics import write_table
-from periscopy_sim.measurement import noise_level
+from periscopy_sim.measurement import noise_level, noise_to_signal
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.rendering.transport.bounced import channels_mean
 from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage.outputs.provenance import image_sha256, provenance
+from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
 
 NUMBERS = ("bound", "reported_error", "error")
 """Errors of a scene, as `errors_of` returns them: standard deviations, white is 1."""
+
+IMAGES = "mushroom", "still_life", "letters"
+TABLE, RESULTS = "design.csv", ("best.xml", "design.json", "design.png")
+"""Files of a design: its points, and what the command makes of them."""
 
 FIXED = ("point", *NUMBERS, "failure")
 
@@ -111,6 +123,85 @@ def _unit_bound(fit: Fit) -> float:
 def values_of(row: Row) -> dict[str, str]:
     """Return the values of a row's parameters, by name."""
     return {name: each for name, each in row.items() if name not in FIXED}
+
+
+def design(
+    scenario: Scenario,
+    vary: Mapping[str, tuple[float, float]],
+    out: str | Path | None = None,
+    *,
+    grid: int = 11,
+    images: Sequence[str | Path] = IMAGES,
+    snr: float = 60.0,
+    sbr: float = 0.5,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> list[Row]:
+    """Compare scenes over one or two of their parameters: where to look, which occluder to take.
+
+    Parameters
+    ----------
+    scenario
+        The given scene, the first point.
+    vary
+        Ends of the range of each of one or two <default>s.
+    out
+        Folder of ``design.csv``, from which the same call resumes; None for no file.
+    grid
+        Values of each parameter, all combined.
+    images
+        Pictures that the noise-aware method recovers; without any, the bound is alone.
+    snr, sbr
+        Signal-to-noise ratio in dB, signal-to-background ratio; infinite without ambient light.
+    progress
+        Called with how many points are done, and of how many.
+
+    Returns
+    -------
+    list of dict
+        A `Row` for each point; `ranked` sorts them.
+    """
+    if out is None:
+        with TemporaryDirectory() as name:
+            return design(
+                scenario, vary, name, grid=grid, images=images, snr=snr, sbr=sbr, progress=progress
+            )
+    if not 0 < len(vary) < 3:
+        raise PeriscopyError("vary: name one or two parameters")
+    for name, value, kind in (
+        ("snr", snr, "decibels"),
+        ("sbr", sbr, "sbr"),
+        ("grid", grid, "grid"),
+    ):
+        checked(name, value, kind)
+    for name, ends in vary.items():
+        if len(checked(f"vary {name}", ends, "parameter")) != 2:
+            raise PeriscopyError(f"vary {name}: give the two ends of its range")
+    base = replace(scenario, light=replace(scenario.light, strata="gauss"))
+    start = start_values(scenario.document, list(vary))
+    points = [dict(zip(vary, map(as_text, start), strict=True)), *grid_of(vary, grid)]
+    pictures = [scenario.image(name) for name in images]
+    noise, pixels = noise_to_signal(snr, sbr), scenario.transport_shape[0]
+
+    def errors(values: Mapping[str, str]) -> dict[str, float]:
+        """Return the errors of the scene with these values."""
+        moved = base.at(**values)
+        A = channels_mean(moved.transport(noise))
+        return errors_of(moved, A, moved.B, pictures, snr=snr, sbr=sbr, pixels=pixels)
+
+    origin = provenance(scenario.document, scenario.seed)
+    settings = {
+        **{n: each for n, each in origin.items() if n not in ("command", "scene")},
+        **base.plan(noise).origin,
+        "bounces": bounces_in_words(base.light.bounces),
+        "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
+        "ranges": {name: list(ends) for name, ends in vary.items()},
+        "grid": grid,
+        "snr": snr,
+        "sbr": str(sbr),
+        "images": list(map(image_sha256, pictures)),
+    }
+    with resumed_folder(Path(out), settings, "design", (TABLE, *RESULTS)):
+        return run_design(points, errors, Path(out) / TABLE, progress)
 
 
 def run_design(

@@ -1,6 +1,7 @@
 """The paper's diagnostics of a scene: condition numbers, angles between subspaces, bounds."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -9,13 +10,15 @@ from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.transport_operator import as_array
-from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     Preconditioner,
     form_preconditioner,
 )
+from periscopy_sim.rendering.transport.bounced import channels_mean
+from periscopy_sim.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +92,31 @@ def diagnose(
         bounds=surfaces.image(np.sqrt(P.noise_gain)),
         bounds_without_background=surfaces.image(np.sqrt(alone.noise_gain)),
     )
+
+
+def analyze(
+    scenario: Scenario,
+    *,
+    mask: Mask | None = None,
+    monitor_off: Mapping[str, Array] | None = None,
+    rank_tolerance: float = RANK_TOLERANCE,
+) -> tuple[Diagnostics, Photograph]:
+    """Return the paper's figures of a scene, and the photograph of a white screen.
+
+    Rays, where A needs them, are those of a quadrature: the noise of random ones would count as
+    information. The pixels of the mask count, and photographs with the monitor off, by name, are
+    further columns of B. Errors are those of `diagnose` and of `Scenario.transport`.
+    """
+    scenario = replace(scenario, light=replace(scenario.light, strata="gauss"))
+    A, off = channels_mean(scenario.transport()), monitor_off or {}
+    white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)
+    channels = next(iter(off.values()), white)
+    wall = Photograph(np.broadcast_to(white, channels.shape), mask, off)
+    found = diagnose(
+        np.asarray(A), scenario.B, wall.values.shape[:2], scenario.hidden, photograph=wall,
+        rank_tolerance=rank_tolerance,
+    )  # fmt: skip
+    return found, wall
 
 
 def condition_number(A: Image) -> float:

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from periscopy_sim.numerics import Array, Image, precision_of
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, plain_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,13 @@ def psnr(estimate: Image, truth: Image) -> float:
     """
     if np.shape(estimate) != np.shape(truth):
         raise ValueError(f"{np.shape(estimate)} and {np.shape(truth)} differ in shape")
-    return _decibels(float(np.mean((np.asarray(estimate, np.float64) - truth) ** 2)))
+    return _decibels(
+        float(
+            np.mean(
+                (plain_array(estimate, "the estimate") - plain_array(truth, "the truth")) ** 2.0
+            )
+        )
+    )
 
 
 def psnr_gain_matched(estimate: Image, truth: Image) -> float:

@@ -11,23 +11,25 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError, SceneError
-from periscopy_sim.evaluation.methods import estimates_by, without_addresses
 from periscopy_sim.evaluation.metrics import METRICS, measured
-from periscopy_sim.evaluation.own_code import OwnError
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
 from periscopy_sim.evaluation.workers import compute, connect
 from periscopy_sim.evaluation.world import World, WorldMaker
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
+from periscopy_sim.methods import estimates_by, without_addresses
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.limits import SMALLEST
 from periscopy_sim.numerics.machine import timed
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_number, checked_numbers
+from periscopy_sim.own_code import OwnError
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -80,15 +82,22 @@ class Sweep:
 
     def __post_init__(self) -> None:
         """Reject settings that no sweep can have."""
+        if not hasattr(self.world, "conditions_of"):
+            raise InputError(f"the world is of type {type(self.world).__name__}: give a ps.World")
+        checked_numbers(self.sbrs, "sbrs", SMALLEST, math.inf)
+        checked_numbers(self.snrs, "snrs")
+        checked_numbers(self.seeds, "seeds", 0, whole=True)
+        checked_number(self.seed, "seed", 0, whole=True)
+        if not isinstance(self.vary, Mapping):
+            raise InputError(f"vary is {self.vary!r}: give a dictionary of axes and their values")
+        for name, values in self.vary.items():
+            if isinstance(values, str) or np.ndim(values) != 1:
+                raise InputError(f"vary: {name} is {values!r}: give a list of its values")
         for name, values in self.axes.items():
             if not values or len({*values}) < len(values):
                 raise PeriscopyError(f"{name} of the sweep: give at least one, and each once")
         if taken := {"algorithm", *LIGHT} & {*self.vary}:
             raise PeriscopyError(f"vary: {', '.join(taken)} is an axis of its own")
-        if not (np.isfinite(self.snrs).all() and all(sbr > 0 for sbr in self.sbrs)):
-            raise PeriscopyError(
-                f"SBR {list(self.sbrs)}, SNR {list(self.snrs)}: give positive SBRs and SNRs in dB"
-            )
 
     @property
     def axes(self) -> dict[str, list[Any]]:
@@ -107,7 +116,8 @@ class Sweep:
     def photograph(self, cell: Values) -> Array:
         """Return the measurement of a cell; see `World.photograph`."""
         values = {name: cell[name] for name in LIGHT}
-        return self.world(**{n: cell[n] for n in self.vary}).photograph(**values, base=self.seed)
+        world = self.world(cell["snr"], **{n: cell[n] for n in self.vary})
+        return world.photograph(**values, base=self.seed)
 
 
 def run_sweep(
@@ -155,23 +165,18 @@ def run_sweep(
         If the scheduler does not answer, its workers die, or the extra ``sweep`` is not installed.
     """
     require_all(*SWEEP)
+    if not isinstance(sweep, Sweep):
+        raise InputError(f"the sweep is of type {type(sweep).__name__}: give a ps.Sweep of it")
     folder, worlds, axes = place(folder), sweep.world, sweep.axes
-    shapes = named("", worlds.hidden.shapes)
-    images = {of: (*shape, worlds.channels) for of, shape in shapes.items()}
-    conditions = {**sweep.conditions, **worlds.conditions, "base_seed": int(sweep.seed)}
-    conditions["metrics"] = [*METRICS]
-    store = SweepStore(
-        folder / "sweep.zarr", axes, images, conditions, worlds.conditions_of, sweep.units,
-        worlds.measures,
-    )  # fmt: skip
+    store = _store(sweep, folder)
     missing, count = store.missing(), math.prod(map(len, axes.values()))
     done, failed = count - len(missing), list[tuple[Values, str]]()
     if planned is not None:
         planned(missing)
-    for values, cells in _by(sweep.vary, missing).items():
+    for (*values, snr), cells in _by([*sweep.vary, "snr"], missing).items():
         at = dict(zip(sweep.vary, values, strict=True))
         try:
-            world = worlds(**at)
+            world = worlds(snr, **at)
         except PeriscopyError as error:
             is_of_values = isinstance(error, SceneError) or isinstance(error.__cause__, InputError)
             failed += [(cell, str(error)) for cell in cells]
@@ -191,7 +196,8 @@ def run_sweep(
     for cell, why in failed:
         store.write(cell, {"failure": why})
     results = store.load()
-    metrics = [*(f"{name}{of}" for of in images for name in METRICS), *worlds.measures]
+    surfaces = named("", worlds.hidden)
+    metrics = [*(f"{name}{of}" for of in surfaces for name in METRICS), *worlds.measures]
     table = results[[*metrics, "failure", *MADE]].to_dataframe([*axes])
     table["transport_samples"] = table["transport_samples"].astype("Int64")
     columns = {f"transport_{name}": name for name in ("model", "samples") if name not in axes}
@@ -200,11 +206,32 @@ def run_sweep(
     return results
 
 
-def cell_seconds(world: World, cell: Values) -> float:
-    """Measure how long a thread takes for a cell."""
-    asked = tuple(cell[name] for name in LIGHT), (cell["algorithm"],)
-    with threadpool_limits(1):
-        return timed(partial(_evaluate, (world, 0, ""), asked))[0]
+def cell_seconds(
+    sweep: Sweep, world: World, cells: Mapping[str, Values]
+) -> tuple[dict[str, float], float]:
+    """Measure how long a thread takes for each method's cell, by its name, and for writing one."""
+    seconds, writing = dict[str, float](), 0.0
+    with TemporaryDirectory() as folder, threadpool_limits(1):
+        store = _store(sweep, Path(folder))
+        for name, cell in cells.items():
+            size = f"_{cell['hidden']}" if "hidden" in cell else ""
+            asked = tuple(cell[axis] for axis in LIGHT), (name,)
+            seconds[name], (found,) = timed(partial(_evaluate, (world, 0, size), asked))
+            found.pop("seconds", None)
+            writing = timed(partial(store.write, cell, found))[0]
+    return seconds, writing
+
+
+def _store(sweep: Sweep, folder: Path) -> SweepStore:
+    """Return the store of a sweep's results in a folder."""
+    worlds, shapes = sweep.world, named("", sweep.world.hidden.shapes)
+    images = {of: (*shape, worlds.channels) for of, shape in shapes.items()}
+    conditions = {**sweep.conditions, **worlds.conditions, "base_seed": int(sweep.seed)}
+    conditions["metrics"] = [*METRICS]
+    return SweepStore(
+        folder / "sweep.zarr", sweep.axes, images, conditions, worlds.conditions_of, sweep.units,
+        worlds.measures,
+    )  # fmt: skip
 
 
 def _outcomes(

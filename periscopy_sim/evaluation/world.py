@@ -12,6 +12,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.measurement import add_noise, composite, composite_error
 from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.scene import MONITOR
@@ -65,6 +66,16 @@ class World:
 
     def __post_init__(self) -> None:
         """Fit the methods to all of the photographs; reject what no sweep can have."""
+        for name in ("signals", "truths", "backgrounds", "methods"):
+            if not isinstance(given := getattr(self, name), Mapping):
+                kind = type(given).__name__
+                raise PeriscopyError(f"{name} of the sweep are of type {kind}: give a dictionary")
+        for name, method in self.methods.items():
+            if isinstance(method, type) or not callable(getattr(method, "reconstruct", None)):
+                raise PeriscopyError(
+                    f"method '{name}' is {method!r}: give an object with reconstruct(photograph), "
+                    "such as ps.NoiseAware.for_scene(scene, A, B)"
+                )
         if self.signals.keys() != self.truths.keys():
             raise PeriscopyError(
                 f"photographs of {', '.join(self.signals)}, but hidden images "
@@ -73,6 +84,9 @@ class World:
         for name in ("signals", "backgrounds", "methods"):
             if not getattr(self, name):
                 raise PeriscopyError(f"{name} of the sweep: give at least one")
+        for image in self.truths:
+            for surface, truth in self.truth(image).items():
+                plain_array(truth, f"the hidden image '{image}' of '{surface}'")
         given = {**self.signals, **{f"ambient {n}": b for n, b in self.backgrounds.items()}}
         photographs = of_one_wall([*given.values()], names=given)
         signals, ambient = photographs[: len(self.signals)], photographs[len(self.signals) :]
@@ -151,7 +165,7 @@ class World:
         """Return what `photograph` multiplies a signal by."""
         return float(1 / (self.signals[image].used.mean() * (1 + 1 / sbr)))
 
-    def __call__(self, **values: Any) -> Self:
+    def __call__(self, snr: float, **values: Any) -> Self:  # noqa: ARG002  of all SNRs
         """Return the world, of a sweep that varies nothing in it; see `WorldMaker`."""
         if values:
             raise PeriscopyError(f"a world has no {', '.join(values)}; give what makes worlds")
@@ -221,8 +235,8 @@ class WorldMaker(Protocol):
     def conditions_of(self) -> Mapping[str, Mapping[str, Any]]:
         """The same of what only the results of single values of an axis depend on, by axis."""
 
-    def __call__(self, **values: Any) -> World:
-        """Return the world of values of the axes that a sweep varies in it."""
+    def __call__(self, snr: float, **values: Any) -> World:
+        """Return the world of photographs of an SNR, at values of the axes that a sweep varies."""
 
 
 TURNS = {"": (1, 1), " up-down": (-1, 1), " left-right": (1, -1), " both": (-1, -1)}

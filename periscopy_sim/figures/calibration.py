@@ -9,8 +9,8 @@ import numpy as np
 from periscopy_sim.calibration.result import ParameterSource
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import COLUMN, LINE, OKABE_ITO, drawn, wrapped
-from periscopy_sim.model.residual import percentages, with_error
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.words import percentages, with_error
 from periscopy_sim.storage.pictures import averaged_photograph
 
 if TYPE_CHECKING:

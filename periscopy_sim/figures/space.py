@@ -11,6 +11,7 @@ from periscopy_sim.figures.style import drawn
 from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.rendering.survey import Survey
+from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_encode
 
@@ -50,7 +51,9 @@ def draw_space(
     photograph: Image,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Draw a scene in space as a picture of its own, by `show_space`."""
+    """Draw a scene in space as a picture of its own, by `show_space`; none in a scalar variant."""
+    if not is_vectorized():  # ray by ray it would take an hour
+        return
     with drawn(path, metadata) as figure:
         figure.set_facecolor(str(PAPER))
         size = show_space(figure.subplots(), scenario, images, photograph)

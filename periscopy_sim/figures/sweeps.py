@@ -93,8 +93,8 @@ def draw_sweep(
     ]
     if len(parts) > len(ascii_lowercase):
         raise PeriscopyError(f"{len(parts)} panels of {panels} are too many; draw fewer values")
-    columns = min(len(parts), 2 if width < 2 * COLUMN else 4)
-    columns = 1 if len(parts) == 3 > columns else columns  # two rows would leave a hole
+    rows = -(-len(parts) // (2 if width < 2 * COLUMN else 4))
+    columns = -(-len(parts) // rows)
     if not any(means["mean"].notnull().any() for _, means in parts):
         why = next(filter(None, results["failure"].values.ravel().tolist()), "no value")
         raise PeriscopyError(f"nothing to draw, all failed: {why}")
@@ -102,9 +102,9 @@ def draw_sweep(
     caption = _caption([means for _, means in parts]) + held + _held(results, fixed, [over, panels])
     room, methods = 0.7 * width / columns, results.attrs.get("algorithms", [])
     with drawn(path, metadata if path.suffix == ".png" else None, caption) as figure:
-        grid = figure.subplots(-(-len(parts) // columns), columns, squeeze=False, sharey=True)
-        for ax in grid.flat[len(parts) :]:
-            ax.remove()
+        grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+        for ax in (rest := grid.flat[len(parts) :]):
+            ax.axis("off")
         for ax, letter, (title, means) in zip(grid.flat, ascii_lowercase, parts, strict=False):
             _draw(ax, means, over, methods or means["algorithm"].values.tolist(), room)
             if len(parts) > 1:
@@ -118,13 +118,17 @@ def draw_sweep(
             plain_ticks(grid[0, 0].yaxis)
         else:
             grid[0, 0].yaxis.set_major_locator(mpl.ticker.MaxNLocator(5, min_n_ticks=4))
-        for ax in grid.flat[max(0, len(parts) - columns) : len(parts)]:
+        for ax in grid.flat[len(grid.flat) - columns : len(parts)]:
             ax.set_xlabel(wrapped(words_of(results[over], over), room))
         handles = grid[0, 0].get_legend_handles_labels()
         legend = 2 if max(map(len, handles[1]), default=0) <= 22 else 1
         legend = len(handles[1]) if width > 2 * COLUMN else legend
-        figure.legend(*handles, loc="outside upper center", ncols=legend, handlelength=2.8)
-        height = 0.13 * -(-len(handles[1]) // legend) + 0.2
+        height = 0.2
+        if len(rest):  # the legend fills the hole
+            rest[0].legend(*handles, loc="center", handlelength=2.8)
+        else:
+            figure.legend(*handles, loc="outside upper center", ncols=legend, handlelength=2.8)
+            height += 0.13 * -(-len(handles[1]) // legend)
         longest = max(
             [len(each) for each in results[over].values if isinstance(each, str)], default=0
         )

@@ -16,7 +16,7 @@ from periscopy_sim.laboratory.document import (
 )
 from periscopy_sim.laboratory.quantities import LENGTHS
 from periscopy_sim.laboratory.scene_parts import CYLINDER, scene_text
-from periscopy_sim.rendering.scene.load import SIDES, load_scenario, load_scene
+from periscopy_sim.rendering.scene.load import SIDES, load_geometry, load_scene
 from periscopy_sim.rendering.scene.mesh_formats import REMEDY, TriangleMesh, read_mesh, write_ply
 from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
 
@@ -28,7 +28,7 @@ FACET = 1.0
 change the light of patches of about their size by 0.14 %, more than its photographs' noise."""
 
 
-def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
+def lab(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
     """Write the scene of a measured laboratory, and beside it a PLY file for each of its meshes.
 
     Parameters
@@ -90,7 +90,7 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
         rows, columns = (min(pixels, 64) for pixels in laboratory.camera.film)
         try:
             scene = load_scene(trial)
-            load_scenario(scene, dict.fromkeys(scene.emission, (1, 1)), photograph=(rows, columns))
+            load_geometry(scene, dict.fromkeys(scene.emission, (1, 1)), photograph=(rows, columns))
         except SceneError as error:
             raise SceneError(str(error).replace(folder, str(out.parent))) from None
         with ExitStack() as stack:  # the scene is in its place last
@@ -98,6 +98,9 @@ def build_laboratory(measurements: str | Path, out: str | Path) -> tuple[Path, .
                 copy = stack.enter_context(staged_file(file))
                 copyfile(trial.with_name(file.name), copy)
     return out, *files.values()
+
+
+build_laboratory = lab  # its former name
 
 
 def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:

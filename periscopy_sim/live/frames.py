@@ -5,239 +5,210 @@ it can.
 """
 
 import os
+import reprlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache, partial
+from itertools import count
 from pathlib import Path
-from threading import Condition, Event
-from typing import Any, Generic, NamedTuple, TypeVar
+from threading import Event
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.evaluation.own_code import OwnCode, own_errors
-from periscopy_sim.numerics import Mask
 from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.own_code import OwnCode, own_errors, place_of
 from periscopy_sim.photograph import with_channels
 from periscopy_sim.photographs.defects import plateaus
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
-from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
+from periscopy_sim.storage.formats.srgb import srgb_light
 from periscopy_sim.storage.formats.table import suffixes
 from periscopy_sim.storage.photographs import read_sensor_image
 
-POLL = 0.2
-"""Seconds between two looks at a folder; a file that stays the same between them is whole."""
+POLL, PATIENCE = 0.2, 3.0
+"""Seconds between two looks at a folder, from one of which to the next a whole file stays the same;
+and seconds that a file may stay unreadable, or end in zeros, as while it is written."""
 
-ZEROS = 4096, 3.0
-"""Bytes at a file's end that are all 0 where a program has set the size before it writes, as copies
-over networks do; seconds that such a file must stay the same."""
-
-PATIENCE = 10.0
-"""Seconds that a file may stay unreadable, as while it is written."""
+ZEROS = 4096
+"""Bytes at a file's end that are 0 where its size was set before, as copies over networks do."""
 
 Item = TypeVar("Item")
 Say = Callable[[str], None]
+Source = Callable[[Event, Say], "Iterator[CameraFrame | PhotographError]"]
+"""Yields frames until the event, or the error of what is no photograph; the function gets lines."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
     """One photograph of a series.
 
-    `values` are codes of 8 or 16 bits, (rows, columns, channels), of the `encoding` sRGB or linear
-    and saturated from `white` on, None for the largest; or a `SensorImage`, linear light. `time` is
-    that of `time.monotonic` when the frame arrived.
+    `values`, (rows, columns, channels), are linear light, or codes whose light is `table[values]`;
+    saturated light is infinite. For `cell` see `SensorImage`. `number` counts the source's frames,
+    from 0, and `time` is that of `time.monotonic` when the frame arrived.
     """
 
-    values: NDArray[np.unsignedinteger] | SensorImage
-    encoding: str = SRGB
-    white: float | None = None
+    values: NDArray[Any]
+    table: NDArray[np.float32] | None = None
+    cell: int = 1
+    number: int = 0
     time: float = field(default_factory=time.monotonic)
 
     @property
-    def pixels(self) -> NDArray[Any]:
-        """(rows, columns, channels) codes or light."""
-        return self.values.values if isinstance(self.values, SensorImage) else self.values
+    def light(self) -> SensorImage:
+        """The frame as linear light, and where it is saturated."""
+        values = self.values if self.table is None else self.table[self.values]
+        full = np.isinf(values)
+        values = np.where(full, np.max(values, where=~full, initial=0), values)
+        return SensorImage(values.astype(np.float32), full.any(axis=2), self.cell)
 
-    @property
-    def full(self) -> int:
-        """The code from which on a pixel is saturated."""
-        most = np.iinfo(self.pixels.dtype).max
-        return most if self.white is None else int(np.ceil(self.white))
 
-    @property
-    def saturated(self) -> Mask:
-        """(rows, columns) bool, where a channel is saturated."""
-        if isinstance(self.values, SensorImage):
-            return self.values.saturated
-        return np.asarray((self.values >= self.full).any(axis=2))
+@cache
+def light_of_codes(
+    kind: np.dtype[np.unsignedinteger], *, linear: bool, white: float | None = None
+) -> NDArray[np.float32]:
+    """Return the light of each code, infinite from `white` on, None for the largest code.
+
+    The others are 1 at most by the sRGB curve, or the codes themselves.
+    """
+    codes = np.arange(np.iinfo(kind).max + 1, dtype=kind)
+    light = (codes if linear else srgb_light(codes)).astype(np.float32)
+    light[codes >= (codes[-1] if white is None else white)] = np.inf
+    return light
 
 
 class Latest(Generic[Item]):
-    """A place for one item between two threads: a newer item replaces it, and is counted.
+    """The latest item between two threads: a newer one replaces it.
 
-    Iterate to take the items until `close`.
+    Iterate to get it after each `put` and, for the last time, after `close`.
     """
 
     def __init__(self) -> None:
-        self.dropped = 0
-        self._item: Item | None = None
-        self._taken: Item | None = None
-        self._closed, self._changed = False, Condition()
+        self.item: Item | None = None
+        self._changed, self._is_closed = Event(), False
 
-    def put(self, item: Item) -> None:
-        """Offer an item."""
-        with self._changed:
-            self.dropped += self._item is not None and self._item is not self._taken
-            self._item = item
-            self._changed.notify_all()
-
-    def repeat(self) -> None:
-        """Offer the item that was last taken once more, unless a newer one waits."""
-        with self._changed:
-            self._item = self._taken if self._item is None else self._item
-            self._changed.notify_all()
+    def put(self, item: Item | None = None) -> None:
+        """Offer an item, or the latest one once more."""
+        if item is not None:
+            self.item = item
+        self._changed.set()
 
     def close(self) -> None:
-        """End the iteration after the item that is there."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
+        """End the iteration after the latest item."""
+        self._is_closed = True
+        self._changed.set()
 
     def __iter__(self) -> Iterator[Item]:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._item is not None or self._closed)
-                if (item := self._item) is None:
-                    return
-                self._item, self._taken = None, item
-            yield item
+        is_last = False
+        while not is_last:
+            self._changed.wait()
+            self._changed.clear()
+            is_last = self._is_closed
+            if (item := self.item) is not None:
+                yield item
 
 
 def open_source(
     source: Any, *, linear: bool = False, white: float | None = None, has_black: bool = False
-) -> "FolderSource | FunctionSource":
+) -> Source:
     """Return the source that a folder is, or a function, itself or as ``file.py:function``.
 
-    With `linear`, integers of a function are linear light. `white` is the value from which on a
-    pixel is saturated; None for a function: the largest of its integers' type. For a folder see
-    `read_sensor_image`. A PeriscopyError says that there is none, or it cannot be imported.
+    For `linear` and `white` see `watch`, for the other words of a folder `read_sensor_image`. A
+    PeriscopyError says that there is no such source, or it cannot be imported.
     """
-    encoding = LINEAR if linear else SRGB
-    if callable(source):
-        name = getattr(source, "__qualname__", type(source).__name__)
-        return FunctionSource(source, name, encoding, white)
-    folder, own = Path(source), OwnCode("camera", str(source))
-    if folder.is_dir():
-        return FolderSource(folder, white, has_black=has_black)
-    if not own.is_complete:
-        raise PeriscopyError(
-            f"{source}: is no folder; name a folder, or a camera as file.py:function"
-        )
-    if not callable(function := own.load()):
-        raise PeriscopyError(f"camera '{source}' is no function; name one that returns frames")
-    return FunctionSource(function, own.name, encoding, white)
+    function, name = source, getattr(source, "__qualname__", type(source).__name__)
+    if not callable(source):
+        folder, own = Path(source), OwnCode("camera", str(source))
+        if folder.is_dir():
+            read = partial(read_sensor_image, white=white, has_black=has_black)
+            return CameraFolder(folder, read).frames
+        if not own.is_complete:
+            raise PeriscopyError(
+                f"{source}: is no folder; name a folder, or a camera as file.py:function"
+            )
+        function, name = own.load(), own.name
+        if not callable(function):
+            raise PeriscopyError(f"camera '{source}' is no function; name one that returns frames")
+    return partial(_frames_of, function, f"camera '{name}'", linear, white)
 
 
-class FileVersion(NamedTuple):
-    """A file of a folder as it was last written; a later one is larger."""
-
-    time: int  # of the last change, ns
-    name: str
-    size: int  # bytes
+FileVersion = tuple[int, str, int]
+"""Time of a file's last change, ns, its name and its size, bytes; a later one is larger."""
 
 
-class FolderSource:
+class CameraFolder:
     """A folder into which a camera writes photographs, of one format; the newest one counts.
 
-    `dropped` counts those that it left out for a newer one.
+    `read` returns a file's photograph with warnings. A frame's number counts those that the source
+    left out for a newer one, too.
     """
 
     def __init__(
-        self, folder: Path, white: float | None = None, *, has_black: bool = False
+        self, folder: Path, read: Callable[[Path], tuple[SensorImage, Sequence[str]]]
     ) -> None:
-        self.dropped, self._folder = 0, folder
-        self._white, self._has_black = white, has_black
-        self._waiting: dict[FileVersion, float] = {}  # since when
-        self._done: set[FileVersion] = set()
-        self._format = ""
+        self._folder, self._read_file = folder, read
+        self._since = dict[FileVersion, float]()  # when those that are not done were first there
+        self._failures = dict[FileVersion, str]()  # why it cannot be read, or not yet
+        self._done, self._format = set[FileVersion](), ""
         self._old: set[FileVersion] | None = None  # there at the first look
 
     def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame]:
         """Yield the newest whole photograph at each look; `say` reports a fault in one line."""
-        said, is_lost = set[str](), False
-
-        def say_once(text: str) -> None:
-            kind = text.partition(": ")[2]
-            if kind not in said:
-                said.add(kind)
-                say(text)
-
+        number = -1
         while not stopped.wait(POLL):
             try:
-                whole = self._whole_files(say_once)
+                unchanged = self._unchanged_files(say)
             except OSError as error:
-                if not is_lost:
-                    say(f"{self._folder}: {error.strerror}; waiting for the folder")
-                is_lost = True
+                say(f"{self._folder}: {error.strerror}; waiting for the folder")
                 continue
-            is_lost = False
-            for k, file in enumerate(whole):
-                if (light := self._read(file, say_once)) is not None:
-                    others = whole[k + 1 :]
-                    self._done |= {*others}
-                    self.dropped += len({*others} - (self._old or set()))
-                    yield CameraFrame(light, LINEAR)
+            for k, version in enumerate(unchanged):
+                if (light := self._read(version, say)) is not None:
+                    for older in unchanged[k + 1 :]:
+                        number += older not in (self._old or ())
+                        self._give_up(older, say)
+                    number += 1
+                    yield CameraFrame(light.infinite, cell=light.cell, number=number)
                     break
 
-    def _whole_files(self, say: Say) -> list[FileVersion]:
-        """Return the files that are new and whole, the newest first."""
+    def _unchanged_files(self, say: Say) -> list[FileVersion]:
+        """Return the files that are new and have not just changed, the newest first."""
         present = set[FileVersion]()
         with os.scandir(self._folder) as entries:
             for entry in entries:
                 with suppress(OSError):  # removed meanwhile, or a link that leads nowhere
                     if entry.name[0] != "." and entry.is_file():
                         state = entry.stat()
-                        present.add(FileVersion(state.st_mtime_ns, entry.name, state.st_size))
+                        present.add((state.st_mtime_ns, entry.name, state.st_size))
+        self._old = present if self._old is None else self._old
         self._done &= present
-        if self._old is None:
-            self._old = set(present)
-        known, now, before = suffixes(), time.monotonic(), self._waiting
-        self._waiting = {}
         for version in present - self._done:
-            file = self._folder / version.name
-            kind = known.get(file.suffix.lower())
+            file = self._folder / version[1]
+            kind = suffixes().get(file.suffix.lower())
             if kind is None or self._format not in ("", kind):
                 why = "another format than the first photograph" if kind else "no photograph"
                 say(f"{file}: {file.suffix or 'a name without suffix'} is {why}; ignored")
                 self._done.add(version)
-            else:
-                self._waiting[version] = before.get(version, now)
-        same = (each for each in self._waiting if each in before and each.size)
-        return [each for each in sorted(same, reverse=True) if self._is_whole(each, now)]
-
-    def _is_whole(self, version: FileVersion, now: float) -> bool:
-        """Return whether a file that has not just changed is written to its end."""
-        count, seconds = ZEROS
-        if now - self._waiting[version] > seconds:
-            return True
-        try:
-            with (self._folder / version.name).open("rb") as file:
-                file.seek(max(0, version.size - count))
-                return any(file.read())
-        except OSError:  # removed meanwhile
-            return False
+        now = time.monotonic()
+        self._since = {each: self._since.get(each, now) for each in present - self._done}
+        return sorted((each for each in self._since if self._since[each] < now), reverse=True)
 
     def _read(self, version: FileVersion, say: Say) -> SensorImage | None:
         """Return a photograph; None for one that cannot be read, which may still be written."""
-        file = self._folder / version.name
+        _, name, size = version
+        file, is_new = self._folder / name, time.monotonic() - self._since[version] < PATIENCE
         try:
-            light, warnings = read_sensor_image(file, self._white, has_black=self._has_black)
-        except PhotographError as error:
-            if time.monotonic() - self._waiting[version] > PATIENCE:
-                self._done.add(version)
-                say(str(error))
+            with file.open("rb") as stream:
+                stream.seek(max(0, size - ZEROS))
+                if is_new and not any(stream.read()):
+                    return None
+            light, warnings = self._read_file(file)
+        except (OSError, PhotographError) as error:
+            self._failures[version] = str(error)
+            if not is_new:
+                self._give_up(version, say)
             return None
         self._done.add(version)
         if version not in (self._old or ()):  # what lay there may be another camera's
@@ -246,49 +217,66 @@ class FolderSource:
             say(warning)
         return light
 
+    def _give_up(self, version: FileVersion, say: Say) -> None:
+        self._done.add(version)
+        if failure := self._failures.pop(version, ""):
+            say(failure)
 
-class FunctionSource:
-    """A function that returns the next frame when a camera has it, or None at the end.
 
-    It returns (rows, columns[, channels]), which the source copies: unsigned integers of 8 or 16
-    bits are codes of the `encoding`, other numbers linear light. Whatever it raises is a
-    PeriscopyError that names it.
+def _frames_of(
+    function: Callable[[], Any], name: str, linear: bool, white: float | None, stopped: Event,
+    say: Say,
+) -> Iterator[CameraFrame | PhotographError]:  # fmt: skip
+    """Yield what a function returns when a camera has a frame, until it returns None.
+
+    Whatever the function raises is a PeriscopyError that names it.
     """
+    is_first = True
+    for number in count():
+        if stopped.is_set():
+            return
+        with own_errors(f"{name} failed"):
+            values = function()
+        if values is None:
+            return
+        try:
+            frame = _frame_of(values, f"{name}{place_of(function)}", linear, white, number)
+        except PhotographError as error:
+            yield error
+            continue
+        if is_first and frame.table is not None:
+            curve = "decoded by the sRGB curve; if the camera sends linear light, declare it so"
+            how = "taken as linear light" if linear else curve
+            say(f"{8 * frame.values.dtype.itemsize}-bit frames, {how}")
+        is_saturated = not is_first or frame.light.saturated.any()
+        for line in () if is_saturated else plateaus(frame.values, "the frame"):
+            say(line)
+        is_first = False
+        yield frame
 
-    def __init__(
-        self, function: Callable[[], Any], name: str, encoding: str, white: float | None = None
-    ) -> None:
-        self.dropped, self._function, self._name = 0, function, name
-        self._encoding, self._white = encoding, white
 
-    def frames(self, stopped: Event, say: Say) -> Iterator[CameraFrame | PhotographError]:
-        """Yield what the function returns, or the error of what is no photograph."""
-        is_first = True
-        while not stopped.is_set():
-            with own_errors(f"camera '{self._name}' failed"):
-                values = self._function()
-            if values is None:
-                return
-            try:
-                frame = self._frame(values)
-            except PhotographError as error:
-                yield error
-                continue
-            if is_first and not frame.saturated.any():
-                for line in plateaus(frame.pixels, "the frame"):
-                    say(line)
-            is_first = False
-            yield frame
-
-    def _frame(self, values: Any) -> CameraFrame:
-        """Return a copy of what the function returned: its next frame may use the same memory."""
-        array = with_channels(plain_array(values, "the frame"), "the frame")
-        if array.shape[2] == 4 and array.size and np.ptp(array[..., 3]) == 0:
-            raise PhotographError(
-                "the frame: the fourth of its channels is the same everywhere, as transparency is; "
-                "return the three colours, frame[..., :3]"
-            )
-        if array.dtype.kind != "u" or array.dtype.itemsize > 2:
-            return CameraFrame(sensor_image(array, "the frame", self._white), LINEAR)
-        codes = np.array(array, array.dtype.newbyteorder("="))
-        return CameraFrame(codes, self._encoding, self._white)
+def _frame_of(
+    values: Any, origin: str, linear: bool, white: float | None, number: int
+) -> CameraFrame:
+    """Return a copy of what a function returned: its next frame may use the same memory."""
+    try:
+        array = plain_array(values, "the frame")
+    except (TypeError, ValueError, RuntimeError) as error:  # of parts that make no array, too
+        if hasattr(values, "dtype"):
+            raise PhotographError(f"{origin}: {error}") from error
+        text = " ".join(reprlib.repr(values).split())
+        raise PhotographError(
+            f"{origin} returned a {type(values).__name__}, {text}; return an array of numbers, "
+            "(rows, columns[, channels])"
+        ) from error
+    array = with_channels(array, "the frame")
+    if array.shape[2] == 4 and array.size and np.ptp(array[..., 3]) == 0:
+        raise PhotographError(
+            "the frame: the fourth of its channels is the same everywhere, as transparency is; "
+            "return the three colours, frame[..., :3]"
+        )
+    if array.dtype.kind != "u" or array.dtype.itemsize > 2:
+        return CameraFrame(sensor_image(array, "the frame", white).infinite, number=number)
+    codes = np.array(array, array.dtype.newbyteorder("="))
+    table = light_of_codes(codes.dtype, linear=linear, white=white)
+    return CameraFrame(codes, table, number=number)

@@ -2,44 +2,45 @@
 
 A websocket accepts connections from every page that the browser shows. The gate asks for the page's
 own Host and Origin and for the token in the page's address, and it passes on a message only if the
-page offers what the message asks for. Rejections are logged, at most one line a second.
+page offers what the message asks for.
 """
 
-import asyncio
-import contextlib
 import ipaddress
 import json
 import logging
 import secrets
 import socket
-import time
+from base64 import b64encode
 from collections.abc import Callable
+from contextlib import suppress
+from hashlib import sha256
 from http import HTTPStatus
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Condition, Lock, Thread
 from typing import Any
 from urllib.parse import urlsplit
 
-from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
+from websockets.sync.server import ServerConnection, serve
 
 from periscopy_sim.errors import PeriscopyError
 
 LOG = logging.getLogger(__name__)
+QUIET = LOG.getChild("connections")  # would show the traceback of each that fails
+QUIET.setLevel(logging.CRITICAL + 1)
 
 LARGEST = 2**14
 """Bytes of a message; those of the page have some 100."""
 
-FILES = {
-    f"/{'' if name == 'page.html' else name}": (kind, Path(__file__).with_name(name).read_bytes())
-    for name, kind in (("page.html", "text/html"), ("page.js", "text/javascript"))
-}
-"""What the server serves, by its path behind the token."""
+SCRIPT = Path(__file__).with_name("page.js").read_bytes()
+PAGE = Path(__file__).with_name("page.html").read_bytes().replace(b"page.js", SCRIPT)
 
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; img-src data:; "
-    "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    f"default-src 'none'; script-src 'sha256-{b64encode(sha256(SCRIPT).digest()).decode()}'; "
+    "style-src 'unsafe-inline'; img-src data:; connect-src 'self'; frame-ancestors 'none'; "
+    "base-uri 'none'; form-action 'none'"
 )
 """The page's own script alone runs, and no other page may frame it."""
 
@@ -62,25 +63,26 @@ class Gate:
     """The server of a page: a listening socket, a token, and the state that all viewers see.
 
     It listens as `listen` does. `receive` takes a message of a viewer, decoded, and raises a
-    ValueError if the page offers nothing like it; `leave` is called when a viewer is gone. Both are
-    called in the server's thread, and must be quick. `token` begins every path that the server
-    serves, `rejected` counts connections and messages.
+    ValueError if the page offers nothing like it; one message at a time, in a thread of each
+    viewer. The server serves the page alone, at every path that begins with `token`;
+    `rejected` counts connections and messages, which the log names. `is_open` says whether other
+    computers can connect.
     """
 
-    def __init__(
-        self, host: str, port: int, receive: Callable[[Any], None], leave: Callable[[], None]
-    ) -> None:
+    def __init__(self, host: str, port: int, receive: Callable[[Any], None]) -> None:
         self._host, self.token = host, secrets.token_urlsafe(16)
-        self._receive, self._leave = receive, leave
-        self.rejected, self._logged, self._last_line = 0, 0, -1.0
+        self._receive, self._receiving, self.rejected = receive, Lock(), 0
         self._socket = listen(host, port)
         bound, self.port, *_ = self._socket.getsockname()
         self._address = ipaddress.ip_address(bound)
+        self.is_open = not self._address.is_loopback
         self._state: dict[str, tuple[int, str]] = {}  # by name: when it changed, and as JSON
-        self._changes, self._lock = 0, Lock()
-        self._loop = asyncio.new_event_loop()
-        self._changed, self._closed = asyncio.Event(), asyncio.Event()
-        self._thread = Thread(target=self._run, daemon=True)
+        self._changes, self._changed, self._is_closed = 0, Condition(), False
+        self._server = serve(
+            self._attend, sock=self._socket, process_request=self._answer, max_size=LARGEST,
+            compression=None, logger=QUIET,
+        )  # fmt: skip
+        self._thread = Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
     @property
@@ -90,100 +92,68 @@ class Gate:
         if self._address.is_unspecified:
             host, far = socket.gethostname(), {4: "192.0.2.1", 6: "2001:db8::1"}
             probe = socket.socket(self._socket.family, socket.SOCK_DGRAM)
-            with probe, contextlib.suppress(OSError):  # no network
+            with probe, suppress(OSError):  # no network
                 probe.connect((far[self._address.version], 9))  # chooses a route, sends nothing
                 host = probe.getsockname()[0]
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/{self.token}/"
-
-    @property
-    def is_open(self) -> bool:
-        """Whether other computers can connect."""
-        return not self._address.is_loopback
 
     def publish(self, **state: Any) -> None:
         """Show all viewers parts of the state, by name, in one message.
 
         A viewer who is slow gets the latest of each part, and none that is out of date.
         """
-        with self._lock:
+        parts = {name: json.dumps(each) for name, each in state.items()}
+        with self._changed:
             self._changes += 1
-            self._state |= {name: (self._changes, json.dumps(each)) for name, each in state.items()}
-        with contextlib.suppress(RuntimeError):  # the server is closed
-            self._loop.call_soon_threadsafe(self._wake)
+            self._state |= {name: (self._changes, text) for name, text in parts.items()}
+            self._changed.notify_all()
 
     def close(self) -> None:
         """End the page for all viewers."""
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._closed.set)
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
+        self._server.shutdown()
         self._thread.join()
 
-    # -- the server's thread -----------------------------------------------------------------------
+    # -- in the server's threads -------------------------------------------------------------------
 
-    def _run(self) -> None:
-        quiet = LOG.getChild("connections")  # would show the traceback of each that fails
-        quiet.setLevel(logging.CRITICAL + 1)
-
-        async def until_closed() -> None:
-            async with serve(
-                self._attend, sock=self._socket, process_request=self._answer, max_size=LARGEST,
-                compression=None, logger=quiet,
-            ):  # fmt: skip
-                await self._closed.wait()
-
-        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
-            runner.run(until_closed())
-
-    def _wake(self) -> None:
-        """Let every viewer's task look for news."""
-        self._changed.set()
-        self._changed = asyncio.Event()
-
-    async def _attend(self, viewer: ServerConnection) -> None:
-        news = asyncio.create_task(self._send_news(viewer))
-        try:
-            async for message in viewer:
-                try:
+    def _attend(self, viewer: ServerConnection) -> None:
+        Thread(target=self._send_news, args=(viewer,), daemon=True).start()
+        for message in viewer:
+            try:
+                with self._receiving:
                     self._receive(json.loads(message))
-                except (ValueError, RecursionError) as error:
-                    self.reject(f"a message that no control sends: {error}")
-        finally:
-            news.cancel()
-            self._leave()
+            except (ValueError, RecursionError) as error:
+                self._reject(f"a message that no control sends: {error}")
 
-    async def _send_news(self, viewer: ServerConnection) -> None:
+    def _send_news(self, viewer: ServerConnection) -> None:
         sent = 0
-        while True:
-            changed = self._changed  # taken before a look at the state: no change is missed
-            with self._lock:
-                news = {name: text for name, (when, text) in self._state.items() if when > sent}
-                sent = self._changes
-            if news:
+        with suppress(ConnectionClosed):
+            while not self._is_closed:
+                with self._changed:
+                    while self._changes == sent and not self._is_closed:
+                        self._changed.wait()
+                    news = {name: text for name, (when, text) in self._state.items() if when > sent}
+                    sent = self._changes
                 members = (f"{json.dumps(name)}:{text}" for name, text in news.items())
-                await viewer.send(f"{{{','.join(members)}}}")
-            await changed.wait()
+                viewer.send(f"{{{','.join(members)}}}")
+        viewer.close()
 
     def _answer(self, viewer: ServerConnection, request: Request) -> Response | None:
         """Answer an HTTP request; None lets a websocket in."""
         if fault := self._fault_of_request(request):
-            self.reject(fault)
+            self._reject(fault)
             return viewer.respond(HTTPStatus.FORBIDDEN, f"{fault}\n")
         if "Upgrade" in request.headers:
             return None
-        path = request.path.partition("?")[0].removeprefix(f"/{self.token}")
-        if not path:  # the page's script lies beside it, behind the slash
-            moved = viewer.respond(HTTPStatus.PERMANENT_REDIRECT, "")
-            moved.headers["Location"] = f"/{self.token}/"
-            return moved
-        if path not in FILES:
-            return viewer.respond(HTTPStatus.NOT_FOUND, "no such file\n")
-        kind, content = FILES[path]
         headers = Headers({
-            "Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(content)),
+            "Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(PAGE)),
             "Content-Security-Policy": POLICY, "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer", "Cache-Control": "no-store", "Connection": "close",
         })  # fmt: skip
-        return Response(HTTPStatus.OK, "OK", headers, content)
+        return Response(HTTPStatus.OK, "OK", headers, PAGE)
 
     def _fault_of_request(self, request: Request) -> str:
         """Return why a request is not one of the page; empty if it is."""
@@ -193,24 +163,20 @@ class Gate:
         # A page that is opened has no origin yet; a websocket always has that of its page.
         if origins != [f"http://{hosts[0]}"] and (origins or "Upgrade" in request.headers):
             return "the request comes from another page"
-        token = request.path.partition("?")[0].split("/")[1:2]
-        if not token or not secrets.compare_digest(token[0].encode(), self.token.encode()):
+        first = request.path.partition("?")[0].removeprefix("/").partition("/")[0]
+        if not secrets.compare_digest(first.encode(), self.token.encode()):
             return "the address lacks the token that the command printed"
         return ""
 
     def _is_own(self, host: str) -> bool:
         """Return whether a Host is this computer's: its name or an address, not another's name."""
-        with contextlib.suppress(ValueError):
+        with suppress(ValueError):
             name = urlsplit(f"//{host}").hostname or ""
             own = {"localhost", self._host.lower(), socket.gethostname().lower()}
             return name in own or bool(ipaddress.ip_address(name).packed)
         return False
 
-    def reject(self, fault: str) -> None:
-        """Log a rejection, and how many others since the last line, which is a second old."""
-        self.rejected += 1
-        if time.monotonic() - self._last_line >= 1:
-            others = self.rejected - self._logged - 1
-            more = f" and {others} others" if others else ""
-            LOG.warning("the page dropped %.200s%s", ascii(fault), more)
-            self._logged, self._last_line = self.rejected, time.monotonic()
+    def _reject(self, fault: str) -> None:
+        with self._receiving:
+            self.rejected += 1
+        LOG.info("the page dropped %.200s", ascii(fault))

@@ -18,8 +18,8 @@ SLIDER = {"errors": 10.0, "metres": 0.1, "steps": 200}
 """Reach to either side, in standard errors of the prior, farther than anyone calibrates, or, where
 the scene declares none, in metres by which places move; least steps from the middle to an end."""
 
-Moves = dict[str, tuple[frozenset[str], Array]]
-"""The parts that a parameter shifts together, by names, and the shift, (3,), per unit of it."""
+Arrays = Mapping[str, Array]
+Numbers = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,6 @@ class Handle:
         moved = np.linalg.lstsq(self.directions.T, position - self.center, rcond=None)[0]
         return dict(zip(self.names, (self.start + moved).tolist(), strict=True))
 
-    @property
-    def axes(self) -> tuple[bool, ...]:
-        """Whether it moves along x, y and z."""
-        return tuple(np.any(self.directions != 0, axis=0).tolist())
-
 
 def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle, ...]]:
     """Return the movable parameters of a scene, in the file's order, and its handles.
@@ -70,10 +65,9 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
     Numbers that no neighbour can replace, such as whole ones, and those that change the
     photograph's size are left out. A SceneError says that nothing can be moved.
     """
-    document, errors = scenario.document, declared_errors(scenario.document)
-    parts = parts_of(scenario)
-    movables: list[Movable] = []
-    moves: Moves = {}
+    document, parts = scenario.document, parts_of(scenario)
+    errors, movables = declared_errors(document), list[Movable]()
+    moves = dict[frozenset[str], dict[str, Array]]()  # by parts: what shifts them, metres per unit
     for name, text in document.values.items():
         if name in document.errors or name == CALIBRATED:
             continue
@@ -91,20 +85,24 @@ def find_movables(scenario: Scenario) -> tuple[tuple[Movable, ...], tuple[Handle
             if part in parts and points.shape == parts[part].shape
             and not np.allclose(points, parts[part], rtol=0, atol=1e-7)  # single precision
         }  # fmt: skip
-        shift = _shift(speeds)
-        if shift is not None:
-            moves[name] = frozenset(speeds), shift
-        fastest = max((np.linalg.norm(v, axis=1).max() for v in speeds.values()), default=0.0)
-        unit = document.units.get(name, "")  # a number that scales a shape may be in metres or not
-        limits = _limits(value, errors.get(name, 0.0), float(fastest), is_place=shift is not None)
-        movables.append(Movable(name, value, *limits, unit))
+        every = np.concatenate([*speeds.values(), np.zeros((0 if speeds else 1, 3))])
+        shift, fastest = every.mean(axis=0), float(np.linalg.norm(every, axis=1).max())
+        rounding = 1e-3 * np.linalg.norm(shift)
+        if is_place := bool(speeds) and np.abs(every - shift).max() <= rounding:
+            shift[np.abs(shift) < rounding] = 0  # rounding would turn the handle
+            moves.setdefault(frozenset(speeds), {})[name] = shift
+        limits = _limits(value, errors.get(name, 0.0), fastest, is_place=bool(is_place))
+        # The unit of a number that scales a shape may be metres or not.
+        movables.append(Movable(name, value, *limits, document.units.get(name, "")))
     if not movables:
         raise SceneError(
             f"scene '{scenario.path}' declares nothing that can be moved; declare a number, such "
             'as <default name="occluder_dx" value="0"/>, and use it as $occluder_dx'
         )
     values = {each.name: each.value for each in movables}
-    return tuple(movables), tuple(_handles(values, moves, parts))
+    # A subset of another set of parts has no handle: it would stand in the other's way.
+    sets = [group for group in moves if not any(group < other for other in moves)]
+    return tuple(movables), tuple(_handle(group, moves[group], values, parts) for group in sets)
 
 
 def parts_of(scenario: Scenario) -> dict[str, Array]:
@@ -114,18 +112,6 @@ def parts_of(scenario: Scenario) -> dict[str, Array]:
     surfaces = {name: surface.centers for name, surface in scenario.hidden.items()}
     parts = {"camera": scenario.view.centers, **surfaces, **shapes}
     return {name: points for name, points in parts.items() if points is not None}
-
-
-def _shift(speeds: Mapping[str, Array]) -> Array | None:
-    """Return the common velocity, (3,), of all parts that move; None where there is none."""
-    if not speeds:
-        return None
-    every = np.concatenate(list(speeds.values()))
-    shift = every.mean(axis=0)
-    rounding = 1e-3 * float(np.linalg.norm(shift))
-    if np.abs(every - shift).max() > rounding:
-        return None
-    return np.where(np.abs(shift) < rounding, 0, shift)  # rounding would turn the handle
 
 
 def _limits(
@@ -149,21 +135,11 @@ def _limits(
     return low, high, step
 
 
-def _handles(values: Mapping[str, float], moves: Moves, parts: Mapping[str, Array]) -> list[Handle]:
-    """Return a handle for each set of parts that some parameters shift together.
-
-    A subset of another set has none: it would stand in the other's way.
-    """
-    sets = dict.fromkeys(group for group, _ in moves.values())
-    handles = []
-    for group in sets:
-        if any(group < other for other in sets):
-            continue
-        shifts = {name: shift for name, (moved, shift) in moves.items() if moved == group}
-        points = np.concatenate([parts[name] for name in sorted(group)])
-        center = (points.min(axis=0) + points.max(axis=0)) / 2
-        start = np.array([values[name] for name in shifts])
-        heads = (name.removeprefix(f"{HIDDEN}_").split("_")[0] for name in sorted(group))
-        title = " + ".join(dict.fromkeys(heads))
-        handles.append(Handle(title, tuple(shifts), np.array(list(shifts.values())), center, start))
-    return handles
+def _handle(group: frozenset[str], shifts: Arrays, values: Numbers, parts: Arrays) -> Handle:
+    """Return the handle of a set of parts that some parameters shift together."""
+    points = np.concatenate([parts[name] for name in sorted(group)])
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    start = np.array([values[name] for name in shifts])
+    heads = (name.removeprefix(f"{HIDDEN}_").split("_")[0] for name in sorted(group))
+    title = " + ".join(dict.fromkeys(heads))
+    return Handle(title, tuple(shifts), np.array(list(shifts.values())), center, start)

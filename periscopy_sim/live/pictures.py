@@ -4,31 +4,24 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from periscopy_sim.analytic.area_transport import has_areas
-from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.moving_scene import limit_size, limit_sizes, scene_uncertainty
+from periscopy_sim.calibration.moving_scene import limit_size, limit_sizes
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation.methods import check_rank, fit_method, own_errors, plan_for
 from periscopy_sim.evaluation.metrics import psnr_gain_matched
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
-from periscopy_sim.model.fit import PRECISION
-from periscopy_sim.model.noise import relative_noise
-from periscopy_sim.model.residual import quick_residual
+from periscopy_sim.methods import own_errors
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import one_thread
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Note, Report, Solution, StillMethod
-from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
-from periscopy_sim.rendering.transport.plan import FEWEST, NOISE, TransportPlan
+from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.shipped import find_image
-from periscopy_sim.storage.pictures import area_average, averaged_photograph, read_hidden_image
+from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import View
 
 COARSE = 32, 12
@@ -55,16 +48,19 @@ class Choice:
 
 
 class Overtaken(Exception):  # noqa: N818  nothing is wrong
-    """A newer wish came."""
+    """A newer choice came."""
+
+
+Check = Callable[..., None]
+"""Raises `Overtaken` if a newer choice came, whatever its arguments."""
 
 
 @dataclass(frozen=True, eq=False)
 class LivePictures:
     """A laboratory's photograph and its reconstruction, (R, C, 3), of several surfaces by id.
 
-    `scenario` has the values of the choice, which the method believes. `truth` and `psnr` (dB,
-    gain-matched) are None where the hidden image is unknown; `report` is the method's, of a given
-    photograph with its residual.
+    `scenario` has the values of the choice, which the method believes. `truth` is None where the
+    hidden image is unknown; `report` is the method's, of a given photograph with its residual.
     """
 
     choice: Choice
@@ -73,60 +69,73 @@ class LivePictures:
     truth: Any
     photograph: Photograph
     image: Any
-    psnr: float | None
     report: Report
     seconds: float = 0.0
     frame: int | None = None  # the number of a frame of a stream
 
+    @cached_property
+    def psnr(self) -> float | None:
+        """Gain-matched, the mean over the surfaces, in dB; None where the image is unknown."""
+        if self.truth is None:
+            return None
+        images, truths = map(self.scenario.hidden.images, (self.image, self.truth))
+        return float(np.mean([psnr_gain_matched(images[name], truths[name]) for name in truths]))
+
 
 @dataclass(frozen=True, eq=False)
-class FrameMethod:
-    """A method that is formed for a choice and for photographs under the conditions of `wall`."""
+class FittedChoice:
+    """A choice with the method that is fitted for it, and for photographs like `photograph`."""
 
     choice: Choice
     scenario: Scenario
     is_coarse: bool
     truth: Any  # the hidden image; None where it is unknown
     method: StillMethod[Any]
-    wall: Photograph  # of the scenario's size
+    photograph: Photograph  # of the scenario's size
     notes: Sequence[Note]  # on A, and on the errors that the scene states
+    begun: float  # by `time.perf_counter`
+
+    def pictures(self) -> LivePictures:
+        """Return the pictures of the photograph, with all that the method reports."""
+        hidden, photograph = self.scenario.hidden, self.photograph
+        with own_errors(self.choice.method, "failed"):
+            solution = self.method.solve(photograph)
+            found = hidden.images(solution.image).items()
+            image = hidden.unwrapped({name: f.astype(np.float32) for name, f in found})
+            report = self.method.report(photograph, solution)
+        residual = None if self.choice.image else report.residual
+        report = replace(report, warnings=[*report.warnings, *self.notes], residual=residual)
+        return self._pictures(photograph, image, report, time.perf_counter() - self.begun)
 
     @cached_property
-    def _follow(self) -> Callable[[Array], Solution[Any]]:
-        """What recovers the next frame: quickly, where the method knows videos."""
+    def _follow(self) -> Callable[[Array], Solution[Any]] | None:
+        """What recovers the next frame quickly; None for a method that knows no videos."""
         entry = METHODS.get(self.choice.method)
         if entry is None or entry.video is None:
-            return self.method.solve
+            return None
         return entry.frames_by(self.method, "none").solve_next
 
-    @property
-    def may_judge(self) -> bool:
-        """Whether `judge` says more than `see`, from another thread."""
-        return self._follow != self.method.solve and self.method.judges_scene
-
     def see(self, frame: Photograph, noise: float, number: int) -> LivePictures:
-        """Return the pictures of a frame, (rows, columns, C), of this size or a larger one.
+        """Return the pictures of a frame, of this size or a larger one, by the noise left in it.
 
-        `noise` is what is left of the camera's, over the light. Of a method for videos, nothing is
-        corrected and the residual has no verdict.
+        A method for videos gives no verdict.
         """
-        start, values = time.perf_counter(), self._values(frame)
+        begun, values = time.perf_counter(), self._values(frame)
         with own_errors(self.choice.method, "failed"):
-            solution = self._follow(values)
-            if self._follow == self.method.solve:
+            if self._follow is None:
+                solution = self.method.solve(values)
                 residual = self.method.residual(values, solution)
             else:
-                y = self.method.corrected(values, solution)
-                residual = quick_residual(y, solution.image, noise, self.method.fit)
-        return LivePictures(
-            self.choice, self.scenario, self.is_coarse, None,
-            Photograph(values, self.wall.mask), solution.image, None,
-            Report(solution.numbers(), residual=residual),
-            time.perf_counter() - start, number,
-        )  # fmt: skip
+                solution = self._follow(values)
+                residual = self.method.quick_residual(values, solution, noise)
+        report = Report(solution.numbers(), residual=residual)
+        light, seconds = Photograph(values, self.photograph.mask), time.perf_counter() - begun
+        return self._pictures(light, solution.image, report, seconds, number)
 
-    def judge(self, frame: Photograph) -> Report:
-        """Return the report of the method for single photographs, with its verdict, on one core."""
+    def judge(self, frame: Photograph) -> Report | None:
+        """Return the report on a single photograph, on one core; None where `see` says as much."""
+        if self._follow is None or not self.method.judges_scene:
+            return None
         values = self._values(frame)
         with own_errors(self.choice.method, "failed"), one_thread():
             return StillMethod.report(self.method, values, self.method.solve(values))
@@ -134,144 +143,73 @@ class FrameMethod:
     def _values(self, frame: Photograph) -> Array:
         """Return a frame's light at this size, black where it is not used."""
         frame = averaged_photograph(frame, self.scenario.photograph_shape)
-        return blackened(frame.values, self.wall.mask)
+        return blackened(frame.values, self.photograph.mask)
+
+    def _pictures(self, light: Photograph, image: Any, report: Report, *of: Any) -> LivePictures:
+        of_all = self.choice, self.scenario, self.is_coarse, self.truth
+        return LivePictures(*of_all, light, image, report, *of)
 
 
 class SizedLaboratory:
     """A laboratory whose photograph and hidden image have the sizes of a scenario.
 
-    `light` is the ambient light of the choice's place, (rows, columns, 3), `photograph` a given
-    one, None for synthetic ones, of this size or a larger one; `seed` is of A's rays. At its full
-    size it fits a method as `reconstruct` does. A level keeps its last results, and computes only
-    those anew whose choices changed.
+    `photograph` is the given one, of this size or a larger one, or returns the latest of those to
+    come; None for synthetic ones. `light` is the ambient light of the choice's place, (rows,
+    columns, 3), `seed` of A's rays. At its full size the laboratory fits a method as `reconstruct`
+    does; the scenario's memo keeps what no choice changed.
     """
 
     def __init__(
         self,
         scenario: Scenario,
+        photograph: Photograph | Callable[[], Photograph] | None = None,
         light: Array | None = None,
-        photograph: Photograph | None = None,
         *,
         is_coarse: bool,
         seed: int = 0,
     ) -> None:
-        self.scenario, self.is_coarse, self._seed = scenario, is_coarse, seed
-        shape = scenario.photograph_shape
-        self._light = None if light is None else area_average(light, shape)
-        self._given_photograph = photograph and averaged_photograph(photograph, shape)
-        self._kept: dict[str, tuple[object, Any]] = {}
+        self.scenario, self.is_coarse = replace(scenario, seed=seed), is_coarse
+        self._light = None if light is None else area_average(light, scenario.photograph_shape)
+        self._photograph = photograph
+        self._moved: tuple[dict[str, str], Scenario] | None = None
 
-    def pictures(
-        self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
-    ) -> LivePictures:
-        """Compute the pictures of a choice; a PeriscopyError says what of it does not exist.
-
-        It often calls `unless_overtaken`, with any arguments, which may raise `Overtaken`. A
-        photograph `wall` becomes the given one.
-        """
-        start = time.perf_counter()
-        if wall is not None:
-            self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
-        formed = self.form(choice, unless_overtaken)
-        scenario, method, photograph = formed.scenario, formed.method, formed.wall
-        with own_errors(choice.method, "failed"):
-            solution = method.solve(photograph)
-            found = scenario.hidden.images(solution.image).items()
-            image = scenario.hidden.unwrapped({n: f.astype(np.float32) for n, f in found})
-            report = method.report(photograph, solution)
-            if self._given_photograph is None:
-                report = replace(report, residual=None)
-        report = replace(report, warnings=[*report.warnings, *formed.notes])
-        unless_overtaken()
-        return LivePictures(
-            choice, scenario, self.is_coarse, formed.truth, photograph, image,
-            None if formed.truth is None else self._psnr(image, formed.truth),
-            report, seconds=time.perf_counter() - start,
-        )  # fmt: skip
-
-    def form(
-        self, choice: Choice, unless_overtaken: Callable[..., None], wall: Photograph | None = None
-    ) -> FrameMethod:
-        """Form the method of a choice; an average of frames, `wall`, becomes the photograph."""
-        if wall is not None:
-            self._given_photograph = averaged_photograph(wall, self.scenario.photograph_shape)
-
-        def kept(name: str, key: object, make: Callable[[], Any]) -> Any:
-            """Return what `make` makes; that of before while its key is the same."""
-            unless_overtaken()
-            if name not in self._kept or self._kept[name][0] != key:
-                self._kept.pop(name, None)  # before another takes as much memory
-                self._kept[name] = key, make()
-            return self._kept[name][1]
-
-        values = tuple(choice.values.values())
-        given = {name: f"{value:.9g}" for name, value in choice.values.items()}
-        scenario = kept("scenario", values, lambda: self.scenario.at(**given))
-        entry, truth, photograph = METHODS.get(choice.method), None, self._given_photograph
-        if photograph is None:
-            noise = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
-        else:  # averages of frames to come have less than the present one
-            known = None if wall is not None else relative_noise(photograph)
-            noise = NOISE if known is None else known
-
-        def transport(name: str) -> tuple[TransportPlan, Any]:
-            """Return A for a method, and its plan."""
-            of = "by rays" if name in METHODS and METHODS[name].rays else ""
-            plan = kept(f"plan {of}", (values, noise), lambda: self._plan(name, scenario, noise))
-            return plan, kept(
-                f"A {of}", (values, plan),
-                lambda: plan.transport(scenario, seed=self._seed, progress=unless_overtaken),
-            )  # fmt: skip
-
-        if choice.image:
-            path = find_image(choice.image)
-            truth = kept("f", path, lambda: self._shown(path))
-        if photograph is None:
-            photograph = self._expose(choice, truth, scenario, transport(DEFAULT)[1])
-        plan, A = transport(choice.method)
-        B = kept("B", scenario.view.points.tobytes(), lambda: point_light_backgrounds(scenario))
+    def fit(self, choice: Choice, check: Check = lambda *_: None) -> FittedChoice:
+        """Fit the method of a choice; a PeriscopyError says what of it does not exist."""
+        begun = time.perf_counter()
+        moved = {name: f"{value:.9g}" for name, value in choice.values.items()}
+        if self._moved is None or self._moved[0] != moved:  # the page draws a new scene's bodies
+            self._moved = moved, self.scenario.at(**moved)
+        scenario = self._moved[1]
+        truth = scenario.image(choice.image) if choice.image else None
+        given, known = self._photograph, None
+        check()
+        if given is None:
+            known = noise_to_signal(choice.snr, choice.sbr if choice.place else np.inf)
+        else:
+            whole = given() if callable(given) else given
+            photograph = averaged_photograph(whole, scenario.photograph_shape)
+            known = None if callable(given) else scenario.noise(photograph)
+        # Averages to come have less noise than the present one.
+        noise = noise_to_signal(Choice.snr, np.inf) if known is None else known
+        fineness = np.inf if self.is_coarse else noise  # the quickest A
+        if given is None:
+            photograph = self._expose(choice, truth, scenario, fineness)
+        scenario.transport(fineness, choice.method, progress=check)
         # The effect of a scene's errors takes as long as all else, too long for a hand that moves.
-        counts = entry is not None and entry.uncertain and not self.is_coarse
-        uncertain, notes = scene_uncertainty(scenario) if counts else (None, list[Note]())
+        errors: dict[str, float] | None = {} if self.is_coarse else None
+        check()
+        method = scenario.method(choice.method, photograph, noise=fineness, errors=errors)
+        check()
+        notes = scenario.uncertainty(choice.method, errors)[1]
+        notes += check_error(scenario, method.plan.origin, noise)
+        of = choice, scenario, self.is_coarse, truth
+        return FittedChoice(*of, method, photograph, notes, begun)
 
-        def fitted() -> StillMethod[Any]:
-            method = fit_method(choice.method, scenario, A, B, photograph, uncertain)
-            check_rank(method, scenario, plan.samples, photograph.pixels, self._seed)
-            return method
-
-        key = choice.method, values, plan, photograph.conditions
-        method = kept("method", key, fitted)
-        unless_overtaken()
-        if plan.error > max(noise, PRECISION):
-            errors = {"error": 100 * plan.error, "noise": 100 * noise, "model": plan.by}
-            notes.append(Note("transport_error", {"name": "A", **errors}))
-        return FrameMethod(choice, scenario, self.is_coarse, truth, method, photograph, notes)
-
-    def _shown(self, path: Path) -> Any:
-        """Return an image that every hidden surface shows."""
-        hidden = self.scenario.hidden
-        shapes = hidden.shapes.items()
-        return hidden.unwrapped({name: read_hidden_image(path, shape) for name, shape in shapes})
-
-    def _psnr(self, image: Any, truth: Any) -> float:
-        """Return the mean over the surfaces, in dB."""
-        hidden = self.scenario.hidden
-        images, truths = hidden.images(image), hidden.images(truth)
-        return float(np.mean([psnr_gain_matched(images[name], truths[name]) for name in hidden]))
-
-    def _plan(self, name: str, scenario: Scenario, noise: float) -> TransportPlan:
-        """Choose how A is made: at the coarse size in the quickest way, whatever its error."""
-        if not self.is_coarse:
-            return plan_for(name, scenario, noise, seed=self._seed)
-        rays = RAYS if name in METHODS and METHODS[name].rays else FEWEST
-        has_closed_form = rays == FEWEST and has_areas(scenario)
-        return TransportPlan(0.0, None if has_closed_form else rays)
-
-    def _expose(self, choice: Choice, truth: Any, scenario: Scenario, A: Any) -> Photograph:
+    def _expose(self, choice: Choice, truth: Any, scenario: Scenario, noise: Any) -> Photograph:
         """Return a photograph, y = A f + b + noise."""
         if truth is None:
             raise PeriscopyError("the monitor is off: choose a hidden image, or give a photograph")
-        y = scenario.channel_gain * (A @ scenario.hidden.vector(truth))
+        y = scenario.channel_gain * (scenario.transport(noise) @ scenario.hidden.vector(truth))
         if y.mean() <= 0:
             raise PeriscopyError("no light reaches the wall: the hidden image is black")
         y = (y / y.mean()).reshape(*scenario.photograph_shape, -1)
@@ -291,6 +229,5 @@ def coarse(scenario: Scenario, used: float = 1.0) -> Scenario:
     largest = max(map(max, hidden.shapes.values()))
     most = largest * np.sqrt(used * np.prod(shape) / hidden.patches / 2)
     sizes, scene = limit_sizes(hidden, max(1, int(min(longest, most)))), scenario.scene
-    return Scenario(
-        View.of(scene, shape, camera=scenario.view.camera), Hidden.of_scene(scene, sizes)
-    )
+    view = View.of(scene, shape, camera=scenario.view.camera)
+    return Scenario(view, Hidden.of_scene(scene, sizes), memo=scenario.memo)

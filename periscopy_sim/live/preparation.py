@@ -1,37 +1,27 @@
-"""From a camera's frames to photographs in the pixels of a scene's camera, averaged as they come.
-
-`Preparation` keeps what frames of one size have in common; `PreparedFrames` averages them.
-"""
+"""From a camera's frames to photographs in the pixels of a scene's camera, and their average."""
 
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.live.frames import CameraFrame
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import ColourMatrix, Photograph, blackened
 from periscopy_sim.photographs.defects import gaussian_spread
-from periscopy_sim.photographs.develop import SensorImage, check_same_size, sensor_image
+from periscopy_sim.photographs.develop import SensorImage, check_same_size
 from periscopy_sim.photographs.marks import WallPoints, WallTags
-from periscopy_sim.photographs.prepare import film_areas, used_pixels
-from periscopy_sim.photographs.resampling import AreaMap, Flaw
+from periscopy_sim.photographs.prepare import FilmPixels
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.formats.decoding import LINEAR
-from periscopy_sim.storage.formats.srgb import srgb_light
 
-EXPOSURE = 0.05
-"""Change of the light's logarithm, the same in all pixels, that counts as another exposure."""
+EXPOSURE, EVEN = 0.05, 1 / 3
+"""Change of the light's logarithm that counts as another exposure, and its spread over the pixels,
+over its size, up to which they change alike."""
 
 LINES = 40
 """Rows and columns of pixels, at least, that show such a change."""
-
-EVEN = 1 / 3
-"""Spread of that change over the pixels, over its size, up to which all pixels change alike."""
 
 STEADY = 10.0
 """Seconds between two changes of the mask: a method needs some of them to be formed anew."""
@@ -59,107 +49,62 @@ class Companions:
     colour_matrix: ColourMatrix | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class PreparedFrame:
-    """A frame in the film's pixels: (rows, columns, C) linear light, and where it is saturated."""
+class RunningAverage:
+    """The running average of frames of one camera and size, with the noise that it leaves.
 
-    values: Array
-    saturated: Mask
-
-
-class Preparation:
-    """What frames of one camera and size have in common, found in the first frame.
-
-    `mask`, (rows, columns) bool, is True where the film's pixels measure the wall; `monitor_off`
-    has the companions' photographs with the monitor off in the film's pixels, by name; `warnings`
-    are assumptions, one line each, `record` the numbers of the view by marks. Errors are those of
-    `prepare`, or a PhotographError says that a companion is not of the frame's size.
+    It forgets exponentially; the first frames are averaged evenly. It starts anew when the exposure
+    changes. `wall` is a `Photograph` with the mask and the photographs with the monitor off: a new
+    object whenever these change. `warnings` are one line each, `record` the numbers of the view by
+    marks. Errors are those of `prepare`, or say that a companion is not of the frames' size.
     """
 
-    def __init__(self, first: CameraFrame, scenario: Scenario, companions: Companions) -> None:
-        self.shape, self.colour_matrix = first.pixels.shape, companions.colour_matrix
-        decoded = list[str]()
-        if isinstance(first.values, SensorImage):
-            light = first.values
-        else:
-            table = _table(first.values.dtype, first.encoding)
-            light = sensor_image(table[first.values], "the frame", np.inf, first.saturated)
-            curve = (
-                "decoded by the sRGB curve; if the camera sends linear light, declare them linear"
-            )
-            how = "taken as linear light" if first.encoding == LINEAR else curve
-            decoded.append(f"{8 * first.values.dtype.itemsize}-bit frames, {how}")
-        areas = film_areas(light, scenario, companions.marks, companions.mask)
-        self._areas = AreaMap(areas.flaws & ~np.uint8(Flaw.SATURATED), areas.corners)
-        self.mask = used_pixels(self._areas.kinds | areas.excluded)
+    def __init__(
+        self,
+        first: CameraFrame,
+        scenario: Scenario,
+        companions: Companions,
+        page_off: Array | None = None,
+    ) -> None:
+        self.shape, self._colours = first.values.shape, companions.colour_matrix
+        self._pixels = FilmPixels(first.light, scenario, companions.marks, companions.mask)
+        film, self.warnings = self._pixels.film, self._pixels.warnings
+        self.record = film.view.record(film.placement) if film else {}
         self._offset: Array | float = companions.black
         if companions.dark is not None:
             self._offset = self._averaged(companions.dark, "the dark frame")
-        self.monitor_off = {
+        self._monitor_off = {
             name: each.values.astype(np.float64)
-            if each.size == self.mask.shape != self.shape[:2]
+            if each.size == scenario.photograph_shape != self.shape[:2]
             else self._averaged(each, name) - self._offset
             for name, each in companions.monitor_off.items()
         }
-        self.warnings = *areas.warnings, *decoded
-        film = areas.film
-        self.record = {} if film is None else film.view.record(film.placement)
-
-    def __call__(self, frame: CameraFrame) -> PreparedFrame:
-        """Return a frame in the film's pixels."""
-        if isinstance(frame.values, SensorImage):
-            values = self._areas.average(frame.values.values)
-            saturated = self._areas.average(frame.values.saturated[..., None].astype(np.float32))
-            full = saturated[..., 0] > 0
-        else:
-            table = _table(frame.values.dtype, frame.encoding)
-            light, full = self._areas.average_codes(frame.values, table, frame.full)
-            values = light.astype(np.float64)
-        return PreparedFrame(values - self._offset, full & self.mask)
+        self.page_off = page_off
+        self.wall: Photograph | None = None
+        self._variance, self._differences = 0.0, 0  # of a frame's noise over the mean light
+        self._first = self._latest = np.empty(0)  # frames of the average
+        self._restart()
 
     def _averaged(self, picture: SensorImage, name: str) -> Array:
         check_same_size(picture.values.shape, self.shape, name)
-        return self._areas.average(picture.values)
+        return self._pixels.average(picture.values)
 
-
-@cache
-def _table(codes_dtype: np.dtype[np.unsignedinteger], encoding: str) -> NDArray[np.float32]:
-    """Return the light of each code: 1 for the largest sRGB code, a linear code itself."""
-    codes = np.arange(np.iinfo(codes_dtype).max + 1, dtype=codes_dtype)
-    light = codes if encoding == LINEAR else srgb_light(codes)
-    return light.astype(np.float32)
-
-
-class PreparedFrames:
-    """The running average of prepared frames, with the noise that it leaves.
-
-    The average forgets exponentially; the first frames are averaged evenly. It starts anew when the
-    exposure changes. `wall` is a `Photograph` with the mask and the photographs with the monitor
-    off: a new object whenever these change, with the average of that time.
-    """
-
-    _first: PreparedFrame  # of the average
-    _latest: PreparedFrame
-
-    def __init__(self, prepare: Preparation, page_off: Array | None = None) -> None:
-        self.prepare, self._mask, self.page_off = prepare, prepare.mask, page_off
-        self._variance = 0.0  # of a frame's noise, over the square of the mean light
-        self._differences = 0
-        self.wall: Photograph | None = None
-        self._restart()
+    def prepare(self, frame: CameraFrame) -> Array:
+        """Return a frame in the film's pixels, (rows, columns, C); saturated light is infinite."""
+        return np.asarray(self._pixels.average(frame.values, frame.table) - self._offset, float)
 
     def _restart(self) -> None:
         self.average: Array | None = None
         self._share, self._frames = 1.0, 0  # of a frame's variance in the average; frames in it
-        self._saturated, self._reported = np.zeros(self._mask.shape, bool), 0
-        self._due = 0.0  # when the mask may change
+        self._mask = self._pixels.mask  # without pixels that were saturated
+        self._due = 0.0  # when the mask of `wall` may change
 
-    def add(self, frame: PreparedFrame, count: int = 1) -> list[str]:
+    def add(self, camera_frame: CameraFrame, count: int = 1) -> list[str]:
         """Average one frame more; return what a person should know, one line each.
 
         The average leaves as little noise as the mean of `count` frames.
         """
-        lines, times = list[str](), 0.0
+        frame, lines, times = self.prepare(camera_frame), list[str](), 0.0
+        full: Mask = np.asarray(np.isinf(frame).any(axis=2))
         # The hidden picture may have moved since the average began; an exposure may drift slowly.
         if self.average is not None:
             times = self._change(self._latest, frame) or self._change(self._first, frame)
@@ -169,41 +114,37 @@ class PreparedFrames:
                 f"the light is {times:.3g} times what it was, and the average starts anew: fix "
                 "exposure and gain, and expose for whole periods of lamps that flicker"
             )
-        new = frame.saturated & ~self._saturated
-        if new.any():
-            self._saturated = self._saturated | new
-            if (many := int(np.count_nonzero(self._saturated))) >= 2 * self._reported:
-                self._reported = many
-                of = f"{many} of {self._mask.sum()} pixels"
-                lines.append(f"saturated: {of} are left out; shorten the exposure")
+        if (full & self._mask).any():
+            self._mask = self._mask & ~full
+            fewer, every = self._mask.sum(), self._pixels.mask.sum()
+            of = f"{every - fewer} of {every} pixels"
+            lines.append(f"saturated: {of} are left out; shorten the exposure")
         if self.average is None:
-            self.average, self._first = frame.values, frame
-        else:
+            self.average, self._first = np.nan_to_num(frame, posinf=0), frame
+        elif self._mask.any():
             self._measure_noise(frame)
         self._frames += 1
         weight = 1 / min(self._frames, (count + 1) / 2)
         # Where it is saturated, a method that still uses the pixel sees what was before.
-        known = ~frame.saturated[..., np.newaxis]
-        self.average = self.average + weight * known * (frame.values - self.average)
+        seen = np.where(full[..., np.newaxis], self.average, frame)
+        self.average = self.average + weight * (seen - self.average)
         self._share = (1 - weight) ** 2 * self._share + weight**2
         self._latest = frame
-        mask = self._mask & ~self._saturated
-        if not mask.any():
+        if not self._mask.any():
             self._restart()
             self.wall = None
             raise PhotographError("all pixels are saturated or masked; shorten the exposure")
-        is_other = self.wall is None or not np.array_equal(mask, self.wall.pixels)
+        is_other = self.wall is None or not np.array_equal(self._mask, self.wall.pixels)
         if is_other and time.monotonic() >= self._due:
             self._make_wall(self.average)
         return lines
 
-    def _change(self, before: PreparedFrame, frame: PreparedFrame) -> float:
+    def _change(self, before: Array, frame: Array) -> float:
         """Return the factor of the exposure since a frame before; 0 if it is the same."""
-        used = self._mask & ~self._saturated & ~frame.saturated
-        step = max(1, min(used.shape) // LINES)
+        step = max(1, min(self._mask.shape) // LINES)
         few = np.s_[::step, ::step]
-        old, new = (each.values[few][used[few]].mean(axis=-1) for each in (before, frame))
-        lit = (old > 0) & (new > 0)
+        old, new = (each[few][self._mask[few]].mean(axis=-1) for each in (before, frame))
+        lit = (old > 0) & (new > 0) & np.isfinite(new)
         if not lit.any():
             return 0.0
         ratios = np.log(new[lit] / old[lit])
@@ -212,52 +153,40 @@ class PreparedFrames:
         is_other = abs(change) > EXPOSURE and spread < EVEN * abs(change)
         return float(np.exp(change)) if is_other else 0.0
 
-    def _measure_noise(self, frame: PreparedFrame) -> None:
-        used = self._mask & ~self._saturated
-        if not used.any():
-            return
-        difference = (frame.values - self._latest.values)[used]
-        level = float(np.mean(frame.values[used])) or 1.0
+    def _measure_noise(self, frame: Array) -> None:
+        difference = frame[self._mask] - self._latest[self._mask]
+        level = float(np.mean(frame[self._mask])) or 1.0
         # A median, since the hidden picture may move; two frames' noise differ.
         variance = (gaussian_spread(difference) / level) ** 2 / 2
         self._differences += 1
         self._variance += (variance - self._variance) / min(self._differences, NOISE_FRAMES)
 
     @property
-    def averaged(self) -> float:
-        """The number of frames whose mean has as little noise as the average."""
-        return 1 / self._share
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of a frame's noise over the mean light; 0 of a single frame."""
-        return float(np.sqrt(self._variance))
-
-    @property
-    def noise_left(self) -> float:
-        """Standard deviation of the average's noise over the mean light."""
-        return self.noise * float(np.sqrt(self._share))
+    def numbers(self) -> tuple[float, float, float]:
+        """What `Progress` says of the average: `averaged`, `noise` and `noise_left`."""
+        noise = float(np.sqrt(self._variance))
+        return 1 / self._share, noise, noise * float(np.sqrt(self._share))
 
     def photograph(self) -> Photograph | None:
         """Return the average under the conditions of `wall`; None where there is none yet."""
-        wall, average = self.wall, self.average
-        if wall is None or average is None:
+        if self.wall is None or self.average is None:
             return None
-        return replace(wall, values=average)  # a method formed before may use more pixels
+        return replace(self.wall, values=self.average)  # a method fitted before may use more pixels
 
-    def toggle_monitor_off(self) -> None:
-        """Make the present average a photograph with the monitor off, or drop a former one."""
+    def toggle_monitor_off(self) -> Photograph | None:
+        """Make the average a photograph with the monitor off, or drop a former one; return it."""
         if self.average is not None:
             self.page_off = self.average if self.page_off is None else None
             self._make_wall(self.average)
+        return self.photograph()
 
     def _make_wall(self, average: Array) -> None:
-        mask, off = self._mask & ~self._saturated, dict(self.prepare.monitor_off)
+        off = dict(self._monitor_off)
         if self.page_off is not None:
             off[TAKEN] = self.page_off
         self.wall = Photograph.of(
-            blackened(average, mask), name="the frames", mask=mask,
-            monitor_off={name: blackened(each, mask) for name, each in off.items()},
-            colour_matrix=self.prepare.colour_matrix,
+            blackened(average, self._mask), name="the frames", mask=self._mask,
+            monitor_off={name: blackened(each, self._mask) for name, each in off.items()},
+            colour_matrix=self._colours,
         )  # fmt: skip
         self._due = time.monotonic() + STEADY

@@ -1,213 +1,101 @@
-"""A laboratory that follows a person's wishes, and its page, from their opening to their end.
-
-It shows coarse pictures at once, full ones at rest. There is no queue: it takes the latest wish
-when it is free, and a newer wish ends full pictures.
-"""
+"""A laboratory that follows a person's choices, and its page, from their opening to their end."""
 
 import logging
 import time
 import warnings
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
-from threading import Condition, Event, Thread
-from typing import Any
+from threading import Event, Thread
+from typing import Self
 
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.frames import Say
-from periscopy_sim.live.movable import Movable, find_movables
-from periscopy_sim.live.page import Control, Page, button, slider
-from periscopy_sim.live.pictures import Choice, LivePictures, Overtaken, SizedLaboratory, coarse
-from periscopy_sim.live.stream import Progress, Stream
-from periscopy_sim.numerics import Array
+from periscopy_sim.live.page import Describe, Page
+from periscopy_sim.live.pictures import (
+    Check,
+    Choice,
+    LivePictures,
+    Overtaken,
+    SizedLaboratory,
+    coarse,
+)  # fmt: skip
+from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import Scenario
 
 LOG = logging.getLogger(__name__)
-Level = Callable[[Choice, Callable[..., None]], Any]
-Use = Callable[[Any], None]
-Record = Callable[[LivePictures, Progress], None]
-Describe = Callable[[Report], Sequence[str]]
-
-MOST_AVERAGED = 1000.0
-"""Frames of the longest running average: half a minute of a video."""
+Job = Callable[[], None]
 
 
-class LiveLaboratory:
-    """A laboratory at its coarse and its full size, see `SizedLaboratory.pictures`.
+class LiveSession(Page):
+    """A laboratory on a page that follows a person's choices; a context, which closes the page.
 
-    It calls `show` with pictures, and `report` with one line about a failure, empty if there is
-    none.
-    """
+    It shows coarse pictures at once, full ones at rest. There is no queue: it takes the latest
+    choice when it is free, and a newer one ends full pictures.
 
-    def __init__(self, coarse: Level, full: Level, show: Use, report: Say) -> None:
-        self._coarse, self._full = coarse, full
-        self._show, self._report = show, report
-        self._changed = Condition()
-        self._choice: Choice | None = None
-        self._behind: list[Level] = []  # the latest wish, coarse before full
-        self._rests = 0.0  # when the latest wish counts as at rest
-        self._save: Use | None = None
-        self._stopped = False
-
-    def want(self, choice: Choice, rest: float = 0.0) -> None:
-        """Ask for pictures; in full, unless another wish comes within so many seconds."""
-        with self._changed:
-            self._choice, self._behind = choice, [self._coarse, self._full]
-            self._rests = time.monotonic() + rest
-            self._changed.notify()
-
-    def save(self, save: Use) -> None:
-        """Call a function with the full pictures of the latest wish, once they are shown."""
-        with self._changed:
-            self._save, self._rests = save, 0.0
-            self._changed.notify()
-
-    def stop(self) -> None:
-        """End `run` after the present stage of its work."""
-        with self._changed:
-            self._stopped = True
-            self._changed.notify()
-
-    def run(self) -> None:
-        """Follow the wishes until `stop`."""
-        pictures = None
-        while (work := self._next()) is not None:
-            level, choice, save = work
-            try:
-                if level is not None:
-                    pictures = None
-                    pictures = level(choice, partial(self._raise_if_overtaken, level))
-                    self._show(pictures)
-                    self._report("")
-                elif save is not None and pictures is not None:
-                    save(pictures)
-            except Overtaken:
-                pass
-            except PeriscopyError as error:
-                self._report(str(error))
-            except Exception as error:  # one wish that fails must not end the page
-                LOG.error("the page goes on after an error", exc_info=error)
-                self._report(str(PeriscopyError(f"{type(error).__name__}: {error}")))
-
-    def _next(self) -> tuple[Level | None, Any, Use | None] | None:
-        """Wait for a level that is behind the latest wish, or for something to save."""
-        with self._changed:
-            while not self._stopped:
-                pause = None
-                if self._behind:
-                    is_coarse = self._behind[0] is self._coarse
-                    pause = 0.0 if is_coarse else self._rests - time.monotonic()
-                    if pause <= 0:
-                        return self._behind.pop(0), self._choice, None
-                elif self._save is not None:
-                    save, self._save = self._save, None
-                    return None, self._choice, save
-                self._changed.wait(pause)
-        return None
-
-    def _raise_if_overtaken(self, level: Level, *_: object) -> None:
-        # Coarse pictures are finished, so that a drag shows some.
-        if self._stopped or (level is self._full and self._coarse in self._behind):
-            raise Overtaken
-
-
-class LiveSession(AbstractContextManager["LiveSession"]):
-    """A laboratory on a page; a context, at whose end the page is closed.
-
-    `scenario` is the scene at its full sizes, `first` the first choice but for the scene's values,
-    `light` the ambient light of its place, (rows, columns, 3), `photograph` a given one or None for
-    synthetic ones, which a viewer makes of `images`. With a `stream`, photographs are its frames,
-    and `record` gets the pictures of each; it has no `images`, nor has a given photograph. `seed`
-    is of A's rays. The page's button calls `save` with the full pictures and shows the line that it
-    returns. Port 0 takes a free one. A PeriscopyError says that the extra is not installed, the
-    port is taken, or nothing of the scene can be moved.
+    `scenario` has its full sizes, and `first` lacks the scene's values. For `photograph`, `light`
+    and `seed` see `SizedLaboratory`; `mask` says which pixels are used of what a function returns.
+    The page's button calls `save` with the full pictures and shows the line that it returns. For
+    the others, and errors, see `Page`.
     """
 
     def __init__(
         self,
         scenario: Scenario,
         first: Choice,
-        images: Sequence[str],
-        methods: Sequence[str],
         save: Callable[[LivePictures], str],
         describe: Describe,
         *,
+        photograph: Photograph | Callable[[], Photograph] | None = None,
+        mask: Mask | None = None,
         light: Array | None = None,
-        photograph: Photograph | None = None,
-        stream: Stream | None = None,
-        record: Record = lambda *_: None,
         seed: int = 0,
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
-        mask = photograph.pixels if photograph else stream.companions.mask if stream else None
+        mask = photograph.pixels if isinstance(photograph, Photograph) else mask
         small = coarse(scenario, 1.0 if mask is None else float(mask.mean()))
-        movables, handles = find_movables(small)
-        first = replace(first, values={each.name: each.value for each in movables})
-        self._stream = stream
-        self.page = Page(
-            host, port, scenario, movables, handles, images, methods, first, describe,
-            self._stream_controls,
-        )  # fmt: skip
-        quick = SizedLaboratory(small, light, photograph, is_coarse=True, seed=seed)
-        full = SizedLaboratory(scenario, light, photograph, is_coarse=False, seed=seed)
-        levels: tuple[Level, Level] = quick.pictures, full.pictures
-        show: Use = self.page.show
-        if stream is not None:
-            levels, show = (partial(stream.form, quick), partial(stream.form, full)), stream.use
-            self._connect(stream, record, describe)
-        self._laboratory = LiveLaboratory(*levels, show, self.page.report)
-        self.page.want = self._laboratory.want
+        self._coarse = SizedLaboratory(small, photograph, light, is_coarse=True, seed=seed)
+        self._full = SizedLaboratory(scenario, photograph, light, is_coarse=False, seed=seed)
+        self._behind = list[SizedLaboratory]()  # the latest choice, coarse before full
+        self._changed, self.ended, self._jobs = Event(), Event(), list[Job]()
+        self._done: Choice | None = None  # in full
+        self._rests = 0.0  # when the latest choice counts as at rest
+        self._save, self.steps = save, list[Job]()  # what runs beside it, each in a thread
+        super().__init__(host, port, small, first, describe)
 
-        def saved(shown: Any) -> None:
-            if stream is not None:  # a method: of the present average, with standard errors
-                shown = full.pictures(shown.choice, lambda *_: None, stream.wall or shown.wall)
-            self.page.report(save(shown))
+    def follow(self, laboratory: SizedLaboratory, choice: Choice, check: Check) -> None:
+        """Compute and show the pictures of a choice; for `check` see `SizedLaboratory.fit`."""
+        pictures = laboratory.fit(choice, check).pictures()
+        check()
+        self.show(pictures)
 
-        self.page.save = lambda: self._laboratory.save(saved)
+    def want(self, rest: float = 0.0) -> None:
+        """Follow the present choice; in full, unless another one comes within so many seconds."""
+        self._rests = time.monotonic() + rest
+        is_done, self._done = self._done == self.choice, None  # it is not shown coarsely again
+        self._behind = [self._full] if is_done else [self._coarse, self._full]
+        self._changed.set()
 
-    def _connect(self, stream: Stream, record: Record, describe: Describe) -> None:
-        """Show a stream's frames and lines on the page."""
+    def save(self) -> None:
+        """Save the full pictures of the present choice, and show the line that this returns."""
 
-        def show(pictures: LivePictures, progress: Progress, lines: Sequence[str]) -> None:
-            record(pictures, progress)
-            self.page.show(pictures, *lines)
+        def write() -> None:
+            self.gate.publish(trouble=[self._save(self._full.fit(self.choice).pictures())])
 
-        def show_lines(lines: list[str]) -> None:
-            self.page.gate.publish(**{"status" if stream.shown else "trouble": lines})
+        self.at_rest(write)
 
-        stream.show, stream.show_lines, stream.describe = show, show_lines, describe
-        stream.form_anew = lambda: self._laboratory.want(self.page.choice)
+    def at_rest(self, job: Job) -> None:
+        """Call a function once the latest choice is done in full, or has failed; do so at once."""
+        self._jobs.append(job)
+        self._rests = 0.0
+        self._changed.set()
 
-    def _stream_controls(self, page: Page) -> dict[str, Control]:
-        """Return the controls of a stream: its average and its monitor-off frame."""
-        if (stream := self._stream) is None:
-            return {}
-        count = Movable("Average", stream.count, 1.0, MOST_AVERAGED, 1.0, "frames")
-
-        def set_count(value: float) -> None:
-            stream.count = round(value)
-            page.refresh()
-
-        def press() -> None:
-            stream.toggle_monitor_off()
-            page.refresh()
-
-        labels = "Take the average as the monitor-off frame", "Drop the monitor-off frame"
-        return {
-            "average": slider(count, "", set_count, lambda: stream.count),
-            "monitor off": button(lambda: labels[stream.has_monitor_off], press),
-        }
-
-    def __exit__(self, *_: object) -> None:
-        """End all."""
-        self.stop()
-        self.page.gate.close()
+    def stop(self) -> None:
+        """End `run` after the present stage of its work."""
+        self.ended.set()
+        self._changed.set()
 
     def run(self) -> None:
         """Show whatever is set, until `stop`."""
@@ -215,18 +103,52 @@ class LiveSession(AbstractContextManager["LiveSession"]):
         # would wait for each other, and 0.1 s become seconds.
         with threadpool_limits(1), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are gone in a moment
-            self._laboratory.want(self.page.choice)
-            if (stream := self._stream) is not None:
-                stream.start()
-                Thread(target=self._stop_after, args=(stream.ended,), daemon=True).start()
-            self._laboratory.run()
+            self.want()
+            for step in self.steps:
+                Thread(target=step, daemon=True).start()
+            while (work := self._next()) is not None:
+                laboratory, job = work
+                try:
+                    job()
+                except Overtaken:
+                    pass
+                except Exception as error:  # one choice that fails must not end the page
+                    fault = error
+                    if not isinstance(error, PeriscopyError):
+                        LOG.error("the page goes on after an error", exc_info=error)
+                        fault = PeriscopyError(f"{type(error).__name__}: {error}")
+                    self.show_trouble(str(fault), is_coarse=laboratory is self._coarse)
 
-    def _stop_after(self, ended: Event) -> None:
-        ended.wait()
+    def _next(self) -> tuple[SizedLaboratory | None, Job] | None:
+        """Wait for a laboratory that is behind the latest choice, or for another job."""
+        while not self.ended.is_set():
+            self._changed.clear()  # before a look at what is wanted: no change is missed
+            pause, behind = None, self._behind
+            if behind:
+                pause = 0.0 if behind[0] is self._coarse else self._rests - time.monotonic()
+                if pause <= 0:
+                    laboratory = behind.pop(0)
+                    return laboratory, partial(self._follow, laboratory, self.choice)
+            elif self._jobs:
+                return None, self._jobs.pop(0)
+            self._changed.wait(pause)
+        return None
+
+    def _follow(self, laboratory: SizedLaboratory, choice: Choice) -> None:
+        def check(*_: object) -> None:
+            # Coarse pictures are finished, so that a drag shows some.
+            if self.ended.is_set() or (laboratory is self._full and self._coarse in self._behind):
+                raise Overtaken
+
+        self.follow(laboratory, choice, check)
+        self._done = choice if laboratory is self._full else None
+        self.show_trouble("")
+
+    def __enter__(self) -> Self:
+        """Return the session, whose page is open."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End all."""
         self.stop()
-
-    def stop(self) -> None:
-        """End `run` after the present stage of its work."""
-        if self._stream is not None:
-            self._stream.stop()
-        self._laboratory.stop()
+        self.gate.close()

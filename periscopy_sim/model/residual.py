@@ -319,21 +319,3 @@ def _shared(differences: Array) -> float:
         return 0.0
     is_grey = np.isclose(correlations.max(), 1)
     return 0.0 if is_grey else max(float(correlations.mean()), 0.0)
-
-
-def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
-    """Return two fractions in percent with two digits, or with as many as differ, at most `most`.
-
-    Equal values have two digits.
-    """
-    for digits in (*range(2, most + 1), 2):
-        one, other = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
-        if one != other:
-            break
-    return one, other
-
-
-def with_error(value: float, error: float, unit: str = "") -> str:
-    """Return a value, its standard error, which has two digits, and their unit, if any."""
-    digits = max(0, 1 - int(f"{error:e}".partition("e")[2]))
-    return f"{value:z.{digits}f} ± {error:.{digits}f} {unit}".rstrip()

@@ -4,13 +4,14 @@ import errno
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
+from periscopy_sim.numerics.validation import InputError, checked_number
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -28,6 +29,53 @@ MOST_TEXT = 1 << 24
 SMALLEST, LARGEST = 1e-12, 1e12
 """Magnitudes, but for 0, of numbers in scenes, and of their errors: the squares of what is farther
 from 1 leave single precision with little to spare."""
+
+
+RANGES: Mapping[str, tuple[float, float]] = {
+    "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
+    "decibels": (-100, 300),
+    "ratio": (1e-6, 1e6),
+    "sbr": (1e-6, math.inf),
+    "error": (1e-5, 1),
+    "tolerance": (1e-15, 0.5),
+    "effort": (1e-4, 1),
+    "rate": (0.1, 1000),
+    "level": (-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
+    "side": (1, 10_000),  # of a block of pixels
+    "resolution": (2, 2048),  # as many pixels as a scene may have
+    "grid": (2, 100),
+    "inches": (2, 20),
+    "count": (1, 1000),
+    "samples": (1, 10**8),
+    "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
+    "camera samples": (1, 2**20),
+    "port": (0, 65535),
+    "parameter": (-LARGEST, LARGEST),
+}
+"""Least and greatest of each kind of number that users give."""
+
+WHOLE = "seed", "side", "resolution", "grid", "count", "samples", "rays", "camera samples", "port"
+"""Kinds of whole numbers."""
+
+
+def in_range(kind: str, *values: float) -> bool:
+    """Return whether numbers of a kind are in its range."""
+    return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
+
+
+def checked(name: str, values: Any, kind: str) -> list[float]:
+    """Return numbers that a user gives, one or several, if they are of a kind in `RANGES`.
+
+    A PeriscopyError names them as the user does.
+    """
+    is_list, numbers = isinstance(values, Iterable) and not isinstance(values, str), list[float]()
+    for each in values if is_list else [values]:
+        try:
+            numbers.append(checked_number(each, name, *RANGES[kind], whole=kind in WHOLE))
+        except InputError as error:
+            named = f"{name}{each}" if name.endswith("=") else f"{name} {each}"
+            raise PeriscopyError(f"{named}: {str(error).partition(': ')[2]}") from error
+    return numbers
 
 
 def number_of(text: str) -> float:

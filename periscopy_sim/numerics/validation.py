@@ -1,6 +1,8 @@
 """Validation of what solvers are given: light, images for compiled loops, weights, tolerances."""
 
 import warnings
+from collections.abc import Iterable
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,9 @@ from periscopy_sim.errors import PeriscopyError, PhotographError
 LIGHT_RANGE = (1e-30, 1e30)
 """Least and greatest that a photograph's largest value may be: P is of single precision, and the
 squares of what is farther from 1 leave double precision."""
+
+FINITE = float(np.finfo(np.float64).max)
+"""Largest finite number."""
 
 AXES = ("row", "column", "channel")
 """Names of a photograph's dimensions, where they are labelled."""
@@ -23,7 +28,8 @@ class InputError(PeriscopyError):
 def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
     """Return values as an array in the order of their dimensions, where these have names.
 
-    NumPy drops masks and names. Masked values and other names are a `PhotographError`.
+    NumPy drops masks and names. Masked values, other names, and what holds no real numbers, such as
+    a file's name, are a `PhotographError`.
     """
     axes = getattr(values, "dims", ())
     if axes and isinstance(axes, tuple):
@@ -32,7 +38,44 @@ def plain_array(values: Any, name: str = "the photograph") -> NDArray[Any]:
         values = values.transpose(*(axis for axis in AXES if axis in axes))
     if np.ma.is_masked(values):
         raise PhotographError(f"{name}: has masked values; give the mask apart, True where used")
-    return np.asarray(values)
+    array = np.asarray(values)
+    if array.dtype.kind not in "buif":
+        kind = f"{type(values).__name__} ({array.dtype})"
+        raise PhotographError(f"{name} is of type {kind}; give an array of real numbers")
+    return array
+
+
+def checked_number(
+    value: Any, name: str, least: float = -FINITE, most: float = FINITE, *, whole: bool = False
+) -> float:
+    """Return a number, within limits and perhaps a whole one, as such; else raise an InputError."""
+    number = value.item() if getattr(value, "shape", None) == () else value
+    is_number = isinstance(number, Real) and not isinstance(number, bool)
+    if not (is_number and least <= number <= most and (not whole or number == int(number))):
+        ends = (("from", least, -FINITE), ("to", most, FINITE))
+        limits = "".join(f" {word} {end:g}" for word, end, none in ends if end != none)
+        kind = "whole " if whole else "finite " if most == FINITE else ""
+        quotes = ", without quotes" if isinstance(value, str) else ""
+        raise InputError(f"{name} is {value!r}: give a {kind}number{limits}{quotes}")
+    return int(number) if whole else float(number)
+
+
+def checked_numbers(
+    values: Any, name: str, least: float = -FINITE, most: float = FINITE, *, whole: bool = False
+) -> list[float]:
+    """Return `checked_number`s of a sequence."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InputError(f"{name} is {values!r}: give a list of numbers, such as [1, 10]")
+    return [checked_number(each, f"a value of {name}", least, most, whole=whole) for each in values]
+
+
+def checked_scene(scene: Any) -> None:
+    """Reject what is no scenario by an InputError; anything with its attributes is one."""
+    if not (hasattr(scene, "photograph_shape") and hasattr(scene, "hidden")):
+        raise InputError(
+            f"the scene is of type {type(scene).__name__}: give a scenario, which "
+            "ps.load_scenario(name, hidden=(rows, columns)) returns"
+        )
 
 
 def checked_matrix(values: Any, name: str) -> NDArray[np.floating[Any]]:
@@ -80,10 +123,8 @@ def checked_companion(image: ArrayLike, name: str, beside: NDArray[Any]) -> NDAr
 
 def check_stopping(tolerance: float, max_iterations: int = 1) -> None:
     """Reject a relative tolerance outside (0, 1), and fewer iterations than one."""
-    if not 0 < tolerance < 1:
-        raise InputError(f"tolerance is {tolerance}: give a number between 0 and 1")
-    if max_iterations < 1:
-        raise InputError(f"max_iterations is {max_iterations}: give at least 1")
+    checked_number(tolerance, "tolerance", 1e-300, np.nextafter(1, 0))
+    checked_number(max_iterations, "max_iterations", 1, whole=True)
 
 
 def warn_unconverged(
@@ -97,9 +138,3 @@ def warn_unconverged(
             RuntimeWarning,
             stacklevel=stacklevel + 1,
         )
-
-
-def check_weight(name: str, weight: float) -> None:
-    """Reject a weight that is negative, infinite or NaN."""
-    if not 0 <= weight < np.inf:
-        raise InputError(f"{name} is {weight}: give a finite number, not negative")

@@ -34,6 +34,11 @@ class SensorImage:
         rows, columns = self.saturated.shape
         return rows, columns
 
+    @property
+    def infinite(self) -> NDArray[np.float32]:
+        """(rows, columns, C) values, infinite where the picture is saturated."""
+        return np.where(self.saturated[..., np.newaxis], np.float32(np.inf), self.values)
+
 
 def sensor_image(
     values: SensorImage | ArrayLike,

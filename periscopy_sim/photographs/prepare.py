@@ -2,19 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photographs.defects import defective_pixels
 from periscopy_sim.photographs.develop import SensorImage, mask_of_pixels, sensor_image
 from periscopy_sim.photographs.marks import Marks, WallPoints, WallTags, find_tags
-from periscopy_sim.photographs.resampling import Flaw, average_areas, block_corners
+from periscopy_sim.photographs.resampling import AreaMap, Flaw, block_corners
 from periscopy_sim.photographs.view_fit import FittedView, fit_view
 from periscopy_sim.photographs.wall_view import WallPlane, project, wall_plane
-from periscopy_sim.scenario import Scenario
 
 PAPER_SIDE = 1.5
 """Side of the paper around a tag over the tag's own; the film's pixels on it are not used."""
@@ -50,7 +51,7 @@ class PlacedFilm:
         return hidden
 
 
-def place_film(light: SensorImage, scenario: Scenario, marks: WallPoints | WallTags) -> PlacedFilm:
+def place_film(light: SensorImage, scenario: Geometry, marks: WallPoints | WallTags) -> PlacedFilm:
     """Find the pixels of a scene's film in any camera's photograph, by marks on the wall.
 
     A PhotographError names the list of marks if they do not show the view, see `find_tags` and
@@ -158,63 +159,78 @@ class Prepared:
         return left_out | self.view.record(self.placement)
 
 
-@dataclass(frozen=True, eq=False)
-class FilmAreas:
-    """The pixels of a scene's film as areas of a photograph, and the flaws of both.
+class FilmPixels:
+    """The pixels of a scene's film in photographs of a camera at rest, found in one of them.
 
-    Photographs of one camera that does not move have the areas in common.
+    The photograph must fit the scene, see `prepare`; its saturated pixels do not matter.
+
+    Attributes
+    ----------
+    mask
+        (rows, columns) bool, True where the film's pixels measure the wall.
+    flaws
+        (rows, columns) uint8, the `Flaw`s of the film's pixels, but for saturation.
+    defects, warnings
+        As of `Prepared`.
+    film
+        Where marks place the film; None without marks.
+    coverage
+        Pixels of a photograph that an average pixel of the film covers.
     """
 
-    corners: Array  # (rows + 1, columns + 1, 2) of the film's pixels: column and row
-    flaws: NDArray[np.uint8]  # (height, width), the `Flaw`s of the photograph's pixels
-    excluded: NDArray[np.uint8]  # (rows, columns), `Flaw`s of the film's pixels of their own
-    film: PlacedFilm | None  # None without marks
-    warnings: tuple[str, ...]
-
-
-def film_areas(
-    light: SensorImage,
-    scenario: Scenario,
-    marks: WallPoints | WallTags | None = None,
-    mask: Mask | None = None,
-) -> FilmAreas:
-    """Find the film's pixels in a photograph, and the flaws of its pixels; see `prepare`."""
-    shape = scenario.photograph_shape
-    film, warnings = None, []
-    if marks is not None:
-        film = place_film(light, scenario, marks)
-        warnings = [f"the photograph does not show tag {number}" for number in film.missing]
-        if film.placement > LARGEST_PLACEMENT_ERROR:
-            warnings.append(
-                f"the points or tags place the photograph to {film.placement:.1f} of the scene's "
-                "pixels only, where it is worst; measure more of them, further apart"
+    def __init__(
+        self,
+        light: SensorImage,
+        scenario: Geometry,
+        marks: WallPoints | WallTags | None = None,
+        mask: Mask | None = None,
+    ) -> None:
+        shape = scenario.photograph_shape
+        self.film, self.warnings = None, list[str]()
+        if marks is not None:
+            self.film = place_film(light, scenario, marks)
+            missing = self.film.missing
+            self.warnings = [f"the photograph does not show tag {number}" for number in missing]
+            if self.film.placement > LARGEST_PLACEMENT_ERROR:
+                self.warnings.append(
+                    f"the points or tags place the photograph to {self.film.placement:.1f} of the "
+                    "scene's pixels only, where it is worst; measure more of them, further apart"
+                )
+        elif light.size != tuple(light.size[0] // shape[0] * side for side in shape):
+            raise PhotographError(
+                f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
+                f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; change its "
+                "film, crop the photograph, or give points or tags of the wall"
             )
-    elif light.size != tuple(light.size[0] // shape[0] * side for side in shape):
-        raise PhotographError(
-            f"{light.size[0]} x {light.size[1]} pixels (rows x columns) do not average to the "
-            f"{shape[0]} x {shape[1]} of the scene's camera by whole square blocks; change its "
-            "film, crop the photograph, or give points or tags of the wall"
-        )
-    on_photograph, on_film = None, np.ones(shape, bool)
-    if mask is not None and mask.shape == shape != light.size:
-        on_film = mask
-    elif mask is not None:
-        on_photograph = mask_of_pixels(mask, light)
-    defects = defective_pixels(light.values, on_photograph)
-    single = (defects.dead | defects.hot) & ~light.saturated
-    flaws = np.uint8(Flaw.SATURATED) * light.saturated | np.uint8(Flaw.DEFECTIVE) * single
-    if on_photograph is not None:
-        flaws |= np.uint8(Flaw.MASKED) * ~on_photograph
-    excluded = np.uint8(Flaw.MASKED) * ~on_film
-    if film:
-        excluded |= np.uint8(Flaw.TAG) * film.beneath_tags()
-    corners = film.corners if film else block_corners(light.size, shape)
-    return FilmAreas(corners, flaws, excluded, film, tuple(warnings))
+        on_photograph, on_film = None, np.ones(shape, bool)
+        if mask is not None and mask.shape == shape != light.size:
+            on_film = mask
+        elif mask is not None:
+            on_photograph = mask_of_pixels(mask, light)
+        found = defective_pixels(light.values, on_photograph)
+        single = (found.dead | found.hot) & ~light.saturated
+        self.defects = int(np.count_nonzero(single))
+        flaws = np.uint8(Flaw.DEFECTIVE) * single
+        if on_photograph is not None:
+            flaws |= np.uint8(Flaw.MASKED) * ~on_photograph
+        corners = self.film.corners if self.film else block_corners(light.size, shape)
+        covered = float(np.prod(light.size) / np.prod(shape))
+        self.coverage = self.film.coverage if self.film else covered
+        self._areas = AreaMap(flaws, corners)
+        self.flaws = self._areas.kinds | np.uint8(Flaw.MASKED) * ~on_film
+        if self.film:
+            self.flaws |= np.uint8(Flaw.TAG) * self.film.beneath_tags()
+        self.mask = _measuring((self.flaws & ~np.uint8(Flaw.DEFECTIVE)) == 0)
+
+    def average(
+        self, values: NDArray[Any], table: NDArray[np.float32] | None = None
+    ) -> NDArray[Any]:
+        """Return a photograph averaged to the film's pixels; see `AreaMap.average`."""
+        return self._areas.average(values, table)
 
 
-def used_pixels(kinds: NDArray[np.uint8]) -> Mask:
-    """Return the film's pixels that measure the wall by their flaws; raise if there is none."""
-    used: Mask = (kinds & ~np.uint8(Flaw.DEFECTIVE)) == 0
+def _measuring(used: Mask) -> Mask:
+    """Return which of the film's pixels measure the wall; a PhotographError if there is none."""
     if not used.any():
         raise PhotographError(
             "no pixel of the scene's camera measures the wall: all are outside of the photograph, "
@@ -225,7 +241,7 @@ def used_pixels(kinds: NDArray[np.uint8]) -> Mask:
 
 def prepare(
     photograph: SensorImage | ArrayLike,
-    scenario: Scenario,
+    scenario: Geometry,
     *,
     marks: WallPoints | WallTags | None = None,
     mask: Mask | None = None,
@@ -259,11 +275,11 @@ def prepare(
         If there are marks and the wall is not plane.
     """
     light = sensor_image(photograph, "the photograph")
-    areas = film_areas(light, scenario, marks, mask)
-    film, warnings = areas.film, [*areas.warnings]
-    values, kinds = average_areas(light.values, areas.flaws, areas.corners)
-    kinds |= areas.excluded
-    used = used_pixels(kinds)
+    pixels = FilmPixels(light, scenario, marks, mask)
+    film, warnings = pixels.film, pixels.warnings
+    values = pixels.average(light.infinite)
+    full = np.isinf(values).any(axis=2)
+    used = _measuring(pixels.mask & ~full)
     if (below := float(np.mean(values[used].min(axis=1) < 0))) >= NEGATIVE_FRACTION:
         warnings.append(
             f"{100 * below:.0f} % of the pixels are below the black level; check it, or the dark "
@@ -272,9 +288,9 @@ def prepare(
     return Prepared(
         values=np.where(used[..., np.newaxis], values, np.nan),
         mask=used,
-        flaws=kinds,
-        defects=int(np.count_nonzero(areas.flaws & np.uint8(Flaw.DEFECTIVE))),
-        coverage=film.coverage if film else float(np.prod(light.size) / np.prod(used.shape)),
+        flaws=pixels.flaws | np.uint8(Flaw.SATURATED) * full,
+        defects=pixels.defects,
+        coverage=pixels.coverage,
         view=film.view if film else None,
         placement=film.placement if film else 0.0,
         warnings=tuple(warnings),

@@ -47,21 +47,6 @@ def block_corners(size: tuple[int, int], shape: tuple[int, int]) -> Array:
     return np.stack(np.meshgrid(column, row), axis=-1)
 
 
-def average_areas(
-    image: NDArray[np.floating], flaws: NDArray[np.uint8], corners: Array
-) -> tuple[Array, NDArray[np.uint8]]:
-    """Return an image averaged over quadrilaterals, and the flaws within them; see `AreaMap`."""
-
-    def average_rows(part: tuple[int, int]) -> tuple[Array, NDArray[np.uint8]]:
-        areas = AreaMap(flaws, corners[part[0] : part[1] + 1])
-        return areas.average(image), areas.kinds
-
-    # The weights of all rows at once would take as much memory as the image.
-    parts = in_parallel(average_rows, ranges(len(corners) - 1))
-    values, kinds = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return values, kinds
-
-
 class AreaMap:
     """Quadrilaterals over which images of one size are averaged, pixels weighted by area in them.
 
@@ -97,36 +82,25 @@ class AreaMap:
         self.kinds |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
         self.kinds |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
 
-    def average(self, image: NDArray[np.floating]) -> Array:
+    def average(
+        self, image: NDArray[Any], table: NDArray[np.float32] | None = None
+    ) -> NDArray[Any]:
         """Return an image, (height, width, channels), averaged to (rows, columns, channels).
 
-        The values are float64, 0 where a new pixel covers no sound pixel.
+        `table` is the light of each code of the image, whose averages are float32; None for an
+        image of light, whose averages are float64. Where a sound pixel is infinite, as saturated
+        ones may be, the average is infinite; where there is no sound pixel, 0.
         """
-        return self._averaged(image, None, 0, np.float64)[0]
-
-    def average_codes(
-        self, codes: NDArray[np.unsignedinteger], table: NDArray[np.float32], white: int
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Return an image of codes averaged as light, float32, and where it is saturated.
-
-        `table` is the light of each code, and codes from `white` on are saturated: (rows, columns)
-        bool, True where a pixel that counts is saturated.
-        """
-        return self._averaged(codes, table, white, np.float32)
-
-    def _averaged(
-        self, image: NDArray[Any], table: NDArray[np.float32] | None, white: int, dtype: Any
-    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        shape = self.kinds.shape
-        values, full = np.empty((*shape, image.shape[2]), dtype), np.empty(shape, np.bool_)
+        dtype: Any = np.float64 if table is None else np.float32
+        values = np.empty((*self.kinds.shape, image.shape[2]), dtype)
         image = np.ascontiguousarray(image)
 
         def average(part: tuple[int, int]) -> None:
             boxes = self._boxes, self._starts, self._weights
-            _average_rows(image, table, white, part[0], part[1], *boxes, values, full)
+            _average_rows(image, table, part[0], part[1], *boxes, values)
 
         in_parallel(average, ranges(len(self.kinds)))
-        return values, full
+        return values
 
 
 @compiled
@@ -179,36 +153,26 @@ def _weigh_rows(
 def _average_rows(
     image: NDArray[Any],
     table: NDArray[np.float32] | None,
-    white: int,
     start: int,
     stop: int,
     boxes: NDArray[np.int64],
     starts: NDArray[np.int64],
     weights: NDArray[np.float32],
     values: NDArray[np.floating],
-    full: NDArray[np.bool_],
 ) -> None:
-    """Average the new pixels in rows from start to stop; see `AreaMap.average_codes`.
-
-    A table of None takes the values as light, of which none is saturated.
-    """
+    """Average the new pixels in rows from start to stop; see `AreaMap.average`."""
     for i in range(start, stop):
         for j in range(boxes.shape[1]):
             left, top, right, bottom = boxes[i, j]
             for channel in range(image.shape[2]):
-                total, largest, k = values.dtype.type(0), 0, starts[i, j]
+                total, k = values.dtype.type(0), starts[i, j]
                 for row in range(top, bottom):
                     for column in range(left, right):
-                        code = image[row, column, channel]
-                        if table is None:
-                            total += weights[k] * code
-                        else:
-                            total += weights[k] * table[code]
-                            if weights[k] > 0:
-                                largest = max(largest, code)
+                        if weights[k] > 0:
+                            code = image[row, column, channel]
+                            total += weights[k] * (code if table is None else table[code])
                         k += 1
                 values[i, j, channel] = total
-                full[i, j] = (full[i, j] and channel > 0) or largest >= white
 
 
 @compiled

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.view import WallFrame
 
 FLATNESS = 1e-3
@@ -112,7 +112,7 @@ class WallPlane:
         return project(self.film, np.stack([column, row], axis=1).astype(np.float64))
 
 
-def wall_plane(scenario: Scenario) -> WallPlane:
+def wall_plane(scenario: Geometry) -> WallPlane:
     """Return the plane of a scene's wall.
 
     A wall that is not plane, a camera that does not show straight lines straight, and a film of

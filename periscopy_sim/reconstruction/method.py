@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
-from periscopy_sim.model.residual import Residual, residual_of
+from periscopy_sim.model.residual import Residual, quick_residual, residual_of
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.numerics.validation import checked_scene, plain_array
 from periscopy_sim.photograph import Photograph
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
@@ -31,6 +31,12 @@ class Note:
     code: str
     values: Mapping[str, Any] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        """Return the code and its values on one line; the command line has whole sentences."""
+        texts = {n: f"{v:.3g}" if isinstance(v, float) else str(v) for n, v in self.values.items()}
+        listed = ", ".join(f"{name.replace('_', ' ')} {text}" for name, text in texts.items())
+        return ": ".join(filter(None, [self.code.replace("_", " "), listed]))
+
 
 @dataclass(frozen=True, eq=False)
 class Report:
@@ -42,6 +48,16 @@ class Report:
     stages: Sequence[tuple[str, Image]] = ()  # titles and images that led to the solution
     standard_errors: Array | None = None  # (R, C, channels); None where the method knows none
     residual: Residual | None = None  # None where the photograph's rows and columns are unknown
+    remedies: Sequence[Note] = ()  # what lowers the residual, see `Scenario.judge`
+
+    def lines(self) -> list[str]:
+        """Return the verdict, the remedies, the other warnings and the notes, one line each."""
+        others = [note for note in self.warnings if note.code != self.verdict.code]
+        return [*map(str, [self.verdict, *self.remedies, *others, *self.notes])]
+
+    def __str__(self) -> str:
+        """Return `lines` as a text."""
+        return "\n".join(self.lines())
 
     @property
     def verdict(self) -> Note:
@@ -177,6 +193,12 @@ class StillMethod(ABC, Generic[Precision]):
     judges_scene = True
     """Whether the image is a least-squares fit, whose residual shows if the scene fits."""
 
+    name = ""
+    """The method's name, where a scenario fitted it."""
+
+    plan: Any = None
+    """How A was made, where a scenario fitted the method: a `TransportPlan`."""
+
     _latest: tuple[bytes, Self] | None = None
 
     def __new__(cls, *arguments: Any, **_: Any) -> Self:
@@ -236,6 +258,7 @@ class StillMethod(ABC, Generic[Precision]):
         ``channel_gain``, and ``paint`` where the wall has a texture. A, B and the settings are the
         class's parameters.
         """
+        checked_scene(scene)
         construct: Callable[..., Self] = cls
         return construct(
             A,
@@ -361,6 +384,11 @@ class StillMethod(ABC, Generic[Precision]):
         """
         report: Report = StillMethod.report(self, photograph, solution)
         return report.residual
+
+    def quick_residual(self, photograph: Image, solution: Any, noise: float) -> Residual:
+        """Return the residual of a photograph whose noise over its light is known, quickly."""
+        y = self.corrected(photograph, solution)
+        return quick_residual(y, solution.image, noise, self.fit)
 
     def motions(self, solution: Any) -> Array | None:  # noqa: ARG002
         """Return what errors of the scene's numbers add to a solution's light, (K, C, M').

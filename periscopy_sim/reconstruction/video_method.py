@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Image
-from periscopy_sim.numerics.validation import check_weight
+from periscopy_sim.numerics.validation import checked_number
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Precision, Series, Solution, StillMethod
 
@@ -46,7 +46,7 @@ class FrameByFrame(ABC, Generic[FrameSolution, Precision]):
         if coupling not in self.couplings:
             known = ", ".join(f"'{each}'" for each in self.couplings)
             raise ValueError(f"coupling '{coupling}' is not known; use one of {known}")
-        check_weight("l1_weight", l1_weight)
+        checked_number(l1_weight, "l1_weight", 0)
         self.still = still
         self.precision = still.precision
         self.coupling = coupling

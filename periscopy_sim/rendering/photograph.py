@@ -22,9 +22,10 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport, has_areas, points_across
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.ambient.background import DIRECT_SAMPLES, RAY, Part, refined
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
 from periscopy_sim.rendering.scene.load import build_scene
@@ -34,7 +35,6 @@ from periscopy_sim.rendering.transport.plan import SMALL
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.view import LIFT, View, rises
 
 SNR = 60.0
@@ -86,7 +86,7 @@ class Rendering:
 
 
 def render_photograph(
-    scenario: Scenario,
+    scenario: Geometry,
     image: NDArray[np.floating[Any]] | Mapping[str, NDArray[np.floating[Any]]],
     *,
     snr: float = SNR,
@@ -135,15 +135,20 @@ def render_photograph(
         scenario, image, snr=snr, samples=samples, bounces=bounces, only_monitor=only_monitor,
         seed=seed, progress=progress,
     )  # fmt: skip
-    if samples is None and rendering.relative_error > allowed_error(snr):
-        warnings.warn(
-            f"'{scenario.path.stem}': the photograph's own error is {rendering.relative_error:.1e} "
-            f"of its root mean square ({rendering.snr:.0f} dB), more than a third of the noise at "
-            f"{snr:g} dB",
-            RuntimeWarning,
-            stacklevel=2,
-        )
+    if samples is None:
+        for line in excess_of(rendering.relative_error, snr):
+            warnings.warn(f"'{scenario.path.stem}': {line}", RuntimeWarning, stacklevel=2)
     return rendering.photograph
+
+
+def excess_of(error: float, snr: float) -> tuple[str, ...]:
+    """Return a line if a photograph's own error exceeds a third of its noise, of an SNR in dB."""
+    if error <= allowed_error(snr):
+        return ()
+    return (
+        f"the photograph's own error is {100 * error:.2g} % of its root mean square "
+        f"({-20 * math.log10(error):.0f} dB): more than a third of the noise at {snr:g} dB",
+    )
 
 
 def allowed_error(snr: float) -> float:
@@ -152,7 +157,7 @@ def allowed_error(snr: float) -> float:
 
 
 def rendering_of(
-    scenario: Scenario,
+    scenario: Geometry,
     image: NDArray[np.floating[Any]] | Mapping[str, NDArray[np.floating[Any]]],
     *,
     snr: float = SNR,
@@ -164,19 +169,20 @@ def rendering_of(
 ) -> Rendering:
     """Return the photograph of `render_photograph`, which has the parameters, and its error."""
     require_vectorized("a photograph")
+    checked_scene(scenario)
     images = scenario.hidden.images(image)
     for each in images.values():
         is_image = each.ndim == 3 and each.shape[2] == 3 and each.size > 0
         if not (is_image and 0 <= each.min() <= each.max() < np.inf):
             raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
-    if (samples is not None and samples < 1) or (bounces is not None and bounces < 1):
-        raise InputError("samples and bounces must be at least 1")
-    if not np.isfinite(snr):
-        raise InputError(f"the signal-to-noise ratio must be finite, not {snr} dB")
+    for name, number in (("samples", samples), ("bounces", bounces)):
+        if number is not None:
+            checked_number(number, name, 1, whole=True)
+    snr, seed = checked_number(snr, "snr"), int(checked_number(seed, "seed", 0, whole=True))
     report, target = progress or (lambda _: None), allowed_error(snr)
     scene = scenario.scene
     # Pictures have the film's pixels.
-    scenario = Scenario(View.of(scene, camera=scenario.view.camera), scenario.hidden)
+    scenario = Geometry(View.of(scene, camera=scenario.view.camera), scenario.hidden)
     other_lights = bool(scene.lights) and not only_monitor
     shown = partial(
         build_scene, scene, scenario.hidden, images, only_hidden=only_monitor or not other_lights
@@ -208,22 +214,25 @@ def rendering_of(
     return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest))
 
 
-def bounced_light(
-    scenario: Scenario, images: Mapping[str, NDArray[np.floating[Any]]], seed: int = 0
-) -> Array:
-    """Return the light, (M, 3), that images send to the wall by way of other surfaces, roughly.
+def bounced_light(scenario: Geometry, images: Mapping[str, Array], seed: int = 0) -> Array:
+    """Return the light on a grey wall, (M, C), that images send by way of other surfaces, roughly.
 
-    A direct A lacks it. Images are as for `render_photograph`, by id; negative values are black.
+    A direct A lacks it. Images are (rows, columns, C) by id; negative values are black. Surfaces
+    reflect three channels as red, green and blue; any other channel as the mean of these.
     """
-    shown = {name: np.maximum(image, 0) for name, image in images.items()}
-    scene = build_scene(scenario.scene, scenario.hidden, shown, only_hidden=True)
-    (part,) = _other_light(scenario, scene, other_lights=False, bounces=None)
-    part.add_round(_seed(seed, number) for number in itertools.count())
-    light = part.fit.replicas.mean(axis=0)
-    return np.asarray(light * scenario.view.paint * scenario.channel_gain)
+    seeds = (_seed(seed, number) for number in itertools.count())
+    light, channels = list[Array](), next(iter(images.values())).shape[2]
+    for some in [[0, 1, 2]] if channels == 3 else [[channel] * 3 for channel in range(channels)]:
+        shown = {name: np.maximum(image[..., some], 0) for name, image in images.items()}
+        scene = build_scene(scenario.scene, scenario.hidden, shown, only_hidden=True)
+        (part,) = _other_light(scenario, scene, other_lights=False, bounces=None)
+        part.add_round(seeds)
+        of_three = part.fit.replicas.mean(axis=0)
+        light.append(of_three if channels == 3 else of_three.mean(axis=1, keepdims=True))
+    return np.asarray(np.hstack(light) * scenario.view.paint)
 
 
-def detail_light(scenario: Scenario, images: Mapping[str, NDArray[np.floating[Any]]]) -> Array:
+def detail_light(scenario: Geometry, images: Mapping[str, NDArray[np.floating[Any]]]) -> Array:
     """Return the light on a grey wall, (M, C), of detail within patches that images suggest.
 
     Images are (rows, columns, C) by id. The detail is a linear interpolation to half as large
@@ -238,7 +247,7 @@ def detail_light(scenario: Scenario, images: Mapping[str, NDArray[np.floating[An
 
 
 def _direct_light(
-    scenario: Scenario, images: Mapping[str, Array], target: float, seed: int
+    scenario: Geometry, images: Mapping[str, Array], target: float, seed: int
 ) -> tuple[Array, float]:
     """Return the light, (M, 3), that comes straight from hidden surfaces, and its relative error.
 
@@ -284,7 +293,7 @@ def _half_difference(one: Array, other: Array, light: Array) -> float:
     return float(np.sqrt(np.mean((one - other) ** 2))) / scale
 
 
-def _by_channel(light: Callable[[Scenario, Array], Array], scenario: Scenario, f: Array) -> Array:
+def _by_channel(light: Callable[[Geometry, Array], Array], scenario: Geometry, f: Array) -> Array:
     """Return light, (M, C), before the wall's gain; of a texture's three by an A for each."""
     view = scenario.view
     if view.texture is None or f.shape[1] != 3:
@@ -293,7 +302,7 @@ def _by_channel(light: Callable[[Scenario, Array], Array], scenario: Scenario, f
     return np.hstack([light(s, f[:, [c]]) for c, s in enumerate(each)]) / view.channel_gain
 
 
-def _light_by_areas(scenario: Scenario, f: Array) -> Array:
+def _light_by_areas(scenario: Geometry, f: Array) -> Array:
     """Return A f, (M, C), by areas, a block of pixels at a time."""
     view, M = scenario.view, scenario.transport_shape[0]
     rows = max(1, BLOCK // len(f) // view.shape[1]) * view.shape[1]
@@ -301,12 +310,12 @@ def _light_by_areas(scenario: Scenario, f: Array) -> Array:
     for start in range(0, M, rows):
         some = np.zeros(M, bool)
         some[start : start + rows] = True
-        part = Scenario(view.of_pixels(some.reshape(view.shape)), scenario.hidden)
+        part = Geometry(view.of_pixels(some.reshape(view.shape)), scenario.hidden)
         light.append(area_transport(part).astype(np.float64) @ f)
     return np.concatenate(light)
 
 
-def _light_by_rays(samples: int, seed: int, scenario: Scenario, f: Array) -> Array:
+def _light_by_rays(samples: int, seed: int, scenario: Geometry, f: Array) -> Array:
     """Return A f, (M, C), by shadow rays from each wall point to each patch."""
     rays = RenderedTransport(scenario, samples, seed=seed)
     return np.concatenate([block.astype(np.float64) @ f for _, block in rays.row_blocks()])
@@ -318,24 +327,26 @@ def _seed(seed: int, number: int) -> int:
 
 
 def _other_light(
-    scenario: Scenario, scene: Any, *, other_lights: bool, bounces: int | None
+    scenario: Geometry, scene: Any, *, other_lights: bool, bounces: int | None
 ) -> list[Part]:
     """Return the parts of light that do not come straight from hidden surfaces, on an even wall."""
     scenario = replace(scenario, view=scenario.view.even)
     view, shape, parts = scenario.view, scenario.photograph_shape, list[Part]()
     everywhere, M = np.arange(len(view.points)), len(view.points)
     if other_lights:
-        reflected = float(view.albedo.mean()) / np.pi
+        gain = float(view.albedo.mean()) / np.pi
         lift = LIFT * float(np.linalg.norm(np.ptp(view.centers, axis=0)))
         height = np.maximum(lift, rises(view.centers, view.center_normals, shape))
         points = view.centers + height[:, None] * view.center_normals
         surface = points, view.center_normals, view.edges, DIRECT_SAMPLES
         own = [shape_of(scene, name).emitter() for name in scenario.hidden]
-        for emitter in scene.emitters():
-            if emitter not in own:
-                arriving = partial(direct_irradiance, scene, emitter, *surface)
-                estimate = partial(_scaled, reflected, arriving)
-                parts.append(Part(estimate, everywhere, shape, M * DIRECT_SAMPLES))
+
+        def reflected(emitter: Any, seed: int) -> Array:
+            return np.asarray(gain * direct_irradiance(scene, emitter, *surface, seed))
+
+        others = (emitter for emitter in scene.emitters() if emitter not in own)
+        work = M * DIRECT_SAMPLES
+        parts += [Part(partial(reflected, each), everywhere, shape, work) for each in others]
     if bounces != DIRECT:
         sites = chosen_sites(shape)
         tracer = make_tracer(scenario, sites, bounces, scene)
@@ -343,13 +354,9 @@ def _other_light(
     return parts
 
 
-def _scaled(factor: float, estimate: Callable[[int], Array], seed: int) -> Array:
-    return factor * estimate(seed)
-
-
 def _smoothed(
     parts: list[Part],
-    scenario: Scenario,
+    scenario: Geometry,
     direct: Array,
     target: float,
     seed: int,
@@ -370,7 +377,7 @@ def _smoothed(
 
 
 def _path_traced(
-    scenario: Scenario,
+    scenario: Geometry,
     scene: Any,
     bounces: int | None,
     samples: int | None,

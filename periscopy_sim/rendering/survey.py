@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.wall import camera_of, look, map_points
 from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
 from periscopy_sim.rendering.variant import dr, is_vectorized, mi
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import Occluder, corners
 
 RAYS = 1 << 16
@@ -42,7 +42,7 @@ class Survey:
         Each shape but the wall that the camera sees and the monitor.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Geometry) -> None:
         source, view = scenario.scene.source, scenario.view
         self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
         camera = camera_of(self._scene, view.camera)
@@ -115,7 +115,7 @@ def _points_of(occluder: Occluder, shape: Any) -> Array:
     return points if np.isfinite(points).all() else corners(occluder.bounds)
 
 
-def hidden_fraction(scenario: Scenario) -> float:
+def hidden_fraction(scenario: Geometry) -> float:
     """Return the fraction of light paths from the monitor to the visible wall that are blocked."""
     rng = np.random.default_rng(0)
     pixel, patch = (rng.integers(size, size=RAYS) for size in scenario.transport_shape)
@@ -125,7 +125,7 @@ def hidden_fraction(scenario: Scenario) -> float:
     return float(np.mean(Survey(scenario).blocked(scenario.view.centers[pixel], places)))
 
 
-def shadow_doubt(scenario: Scenario) -> str:
+def shadow_doubt(scenario: Geometry) -> str:
     """Return a warning where no occluder casts a shadow, or all is in shadow; empty otherwise."""
     hidden = hidden_fraction(scenario)
     if hidden == 1:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.places import local_copy, user_cache
@@ -53,7 +53,7 @@ def silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
 
 def ambient_photographs(
     names: Sequence[str],
-    scenario: Scenario,
+    scenario: Geometry,
     folder: Path,
     seed: int,
     *,
@@ -91,17 +91,26 @@ def ambient_photographs(
     return photographs
 
 
+def missing_photographs(
+    names: Sequence[str], scenario: Geometry, folder: Path, seed: int, target: float = TARGET
+) -> dict[Path, str]:
+    """Return the conditions that `ambient_photographs` renders, by their files of the cache."""
+    missing = (name for name in names if not (folder / f"{Path(name).stem}.exr").is_file())
+    files = {cached_light(find_condition(n), scenario, seed, target): n for n in missing}
+    return {file: name for file, name in files.items() if not file.is_file()}
+
+
 def _background(picture: NDArray[np.float32], metadata: Mapping[str, str | float]) -> "Background":
     """Return a photograph with its errors, as a file has them."""
     from periscopy_sim.rendering.ambient.background import Background
 
-    errors = {name: float(metadata[name]) for name in ERRORS}
-    return Background(picture.astype(np.float64), **errors)
+    errors = (float(metadata[name]) for name in ERRORS)
+    return Background(picture.astype(np.float64), *errors)
 
 
 def ambient_light(
     path: Path,
-    scenario: Scenario,
+    scenario: Geometry,
     seed: int,
     *,
     target: float = TARGET,
@@ -132,7 +141,7 @@ def ambient_light(
     return _background(rendered.photograph.astype(np.float32), errors)
 
 
-def cached_light(path: Path, scenario: Scenario, seed: int, target: float = TARGET) -> Path:
+def cached_light(path: Path, scenario: Geometry, seed: int, target: float = TARGET) -> Path:
     """Return the cache's file of a condition; its name is the digest of all that it depends on."""
     view, versions = scenario.view, provenance(None, seed)
     seen = (getattr(view, each.name) for each in fields(view))

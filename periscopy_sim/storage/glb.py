@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Image
 from periscopy_sim.rendering.survey import Survey
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.srgb import srgb_bytes
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -25,7 +25,7 @@ FINEST = 64
 
 def write_glb(
     path: Path,
-    scenario: Scenario,
+    scenario: Geometry,
     images: Mapping[str, Image],
     photograph: Image,
     metadata: Mapping[str, str] | None = None,

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics.limits import read_json
+from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.photograph import check_real
 from periscopy_sim.rendering.transport.bounced import (
     DIRECT,
     BouncedLight,
     BouncedTransport,
-    bounces_in_words,
     channels_mean,
 )
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array
 from periscopy_sim.storage.formats.decoding import decoding
 from periscopy_sim.storage.formats.table import format_of
@@ -99,7 +99,7 @@ def read_prototypes(path: Path, pixels: int) -> NDArray[Any]:
     return B  # of its own type, whose rounding is no light
 
 
-def read_transport(path: Path, scenario: Scenario, bounces: int | None = DIRECT) -> Transport:
+def read_transport(path: Path, scenario: Geometry, bounces: int | None = DIRECT) -> Transport:
     """Read a matrix, (M, N), that `transport_writer` wrote, mapped, for a scene and bounces.
 
     Without its JSON file only the shapes are compared, and direct light is assumed. A

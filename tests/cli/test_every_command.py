@@ -13,6 +13,8 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.cli import MODULES
+from periscopy_sim.evaluation.sweep import Sweep, run_sweep
+from periscopy_sim.evaluation.world import World
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, own_llvm
 from periscopy_sim.storage.formats.exr import write_exr
@@ -35,7 +37,7 @@ calibrate wall.npy --scene {SIZED} --shown mushroom --free occluder_dx=0.003 --o
 photograph {SIZED} mushroom --samples 4 --out photo.exr
 transport {SIZED} --out A.npy
 ambient overcast --scene plate -D resolution=4 --target 1 --out ambient
-sweep {SIZED} --photograph wall.npy --truth mushroom --sbr 1 --ambient wall.exr --no-flips --out s
+sweep {SIZED} --photograph wall.npy --truth mushroom --ambient none --methods iterative --out s
 plot done --out done.png
 dataset data.yaml --out data.zarr
 analyze {SIZED} --out analysis
@@ -84,8 +86,8 @@ def inputs(tmp_path_factory):
     (folder / "wall.py").write_text(CAMERA)
     if find_spec("xarray"):
         method = ps.TruncatedSVD.for_scene(scenario, ps.analytic_transport(scenario))
-        world = ps.World({"p": wall}, {"p": image.reshape(3, 4, 3)}, {"b": wall}, {"m": method})
-        ps.run_sweep(ps.Sweep(world, sbrs=[1]), folder / "done")
+        world = World({"p": wall}, {"p": image.reshape(3, 4, 3)}, {"b": wall}, {"m": method})
+        run_sweep(Sweep(world, sbrs=[1]), folder / "done")
     (folder / "data.yaml").write_text(DATASET)
     (folder / "lab.yaml").write_bytes(EXAMPLE.read_bytes())
     return folder

@@ -1,17 +1,15 @@
 import json
-import re
+from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.light import Light, check_memory
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import Model
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.evaluation import methods
-from periscopy_sim.numerics import machine
+from periscopy_sim.memo import Memo
 from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.rendering.transport import plan as planning
 from periscopy_sim.storage.transport_matrix import read_transport
@@ -24,26 +22,27 @@ TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
 @pytest.mark.parametrize(
     ("light", "method", "by", "samples"),
     [
-        (Light(), "noise-aware", "areas", None),
-        (Light(), "mine.py:Mine", "areas", None),
-        (Light(), "preconditioned", "rays", 16),
-        (Light(model=Model.analytic), "preconditioned", "areas", None),
-        (Light(samples=4), "noise-aware", "rays", 4),
-        (Light(model=Model.rendered), "noise-aware", "rays", 32),
+        (LightOptions(), "noise-aware", "areas", None),
+        (LightOptions(), "mine.py:Mine", "areas", None),
+        (LightOptions(), "preconditioned", "rays", 16),
+        (LightOptions(model=Model.analytic), "preconditioned", "areas", None),
+        (LightOptions(samples=4), "noise-aware", "rays", 4),
+        (LightOptions(model=Model.rendered), "noise-aware", "rays", 32),
     ],
 )
 def test_transport_has_its_closed_form_unless_rays_are_asked_for(
     light, method, by, samples, scenario
 ):
-    plan = light.plan(scenario, 0.005, method=method)
+    plan = replace(scenario, light=light.of(scenario)).plan(0.005, method)
     assert (plan.by, plan.samples) == (by, samples)
 
 
 def test_noise_of_exactly_none_is_not_unknown_noise(scenario, monkeypatch):
     asked = []
-    monkeypatch.setattr(methods, "plan_transport", lambda _, noise, **__: asked.append(noise))
+    monkeypatch.setattr(planning, "planned", lambda _, noise, **__: (asked.append(noise), None))
+    fresh = replace(scenario, memo=Memo())
     for noise in (0.0, None):
-        Light().plan(scenario, noise)
+        fresh.plan(noise)
     assert asked == [0.0, planning.NOISE]
 
 
@@ -67,32 +66,6 @@ def test_matrix_of_another_pose_is_refused(refused, succeeds, tmp_path):
     assert line.startswith("A.npy: ") and "parameters.occluder_dx" in line and "0.01" in line
     (tmp_path / "A.json").write_text("{")
     assert refused(*given, "--out", "r").startswith("A.json: ")
-
-
-@pytest.mark.parametrize("method", ["", "noise-aware", "iterative", "mine.py:Mine"])
-def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch):
-    monkeypatch.setattr(machine, "available_memory", lambda: 8 * 10**9)
-    with pytest.raises(PeriscopyError, match=r"GB"):
-        check_memory(SimpleNamespace(transport_shape=(960_000, 4096)), method)
-
-
-def test_memory_of_several_views_is_that_of_all(monkeypatch):
-    view = SimpleNamespace(transport_shape=(100_000, 1000))
-    monkeypatch.setattr(machine, "available_memory", lambda: 8 * 10**9)
-    check_memory(view, "noise-aware")
-    with pytest.raises(PeriscopyError, match="200000 pixels x 1000 patches"):
-        check_memory(view, "noise-aware", [view])
-
-
-@pytest.mark.parametrize(("patches", "lines"), [(1044, 0), (14_400, 1)])
-def test_fine_grid_prints_its_memory_and_time(patches, lines, monkeypatch, capsys):
-    monkeypatch.setattr(machine, "available_memory", lambda: 6 * 10**9)
-    check_memory(SimpleNamespace(transport_shape=(15_876, patches)), "noise-aware")
-    printed = capsys.readouterr().out.splitlines()
-    assert len(printed) == lines
-    assert not printed or re.match(
-        r"14,400 patches: .* [345]\.\d GB of memory; .* \d\d s", *printed
-    )
 
 
 @pytest.fixture
@@ -120,10 +93,14 @@ def test_matrix_with_bounces_is_written_and_read(succeeds, tmp_path):
 
 
 def test_bounces_are_direct_all_or_a_number():
-    assert [Light(bounces=text).most_bounces for text in ("direct", "all", "3")] == [1, None, 3]
+    assert [LightOptions(bounces=text).most_bounces for text in ("direct", "all", "3")] == [
+        1,
+        None,
+        3,
+    ]
     for text in ("0", "-1", "2.5", "none", "", "1e3", "9" * 5000):
         with pytest.raises(PeriscopyError, match="--bounces"):
-            Light(bounces=text)
+            LightOptions(bounces=text)
 
 
 @pytest.fixture
@@ -159,19 +136,20 @@ def test_light_of_a_lamp_is_taken_for_ambient(
 
 @pytest.mark.usefixtures("few_lights")
 def test_columns_of_several_sources_are_joined(column, scenario, tmp_path):
-    B = Light(light_model=[str(tmp_path / "B.npy"), "grid"]).backgrounds(scenario)
+    light = LightOptions(light_model=[str(tmp_path / "B.npy"), "grid"])
+    B = replace(scenario, light=light.of(scenario)).B
     np.testing.assert_array_equal(B[:, 0], column)
     np.testing.assert_array_equal(B[:, 1:], ps.point_light_backgrounds(scenario))
-    assert Light().sources == ["grid"]
+    assert LightOptions().sources == ["grid"]
 
 
 @pytest.mark.parametrize("source", ["B.npy", "chair"])
 def test_source_that_cannot_be_taken_is_refused(source, scenario):
     with pytest.raises(PeriscopyError, match=source):
-        Light(light_model=[source]).backgrounds(scenario)
+        LightOptions(light_model=[source]).of(scenario)
 
 
 def test_method_without_a_light_model_is_refused():
-    Light().check_methods("pseudoinverse")
+    LightOptions().check_methods("pseudoinverse")
     with pytest.raises(PeriscopyError, match="pseudoinverse"):
-        Light(light_model=["grid"]).check_methods("noise-aware", "pseudoinverse")
+        LightOptions(light_model=["grid"]).check_methods("noise-aware", "pseudoinverse")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import typer
 
+import periscopy_sim as ps
 from periscopy_sim import cli
-from periscopy_sim.cli.light import Light
 from periscopy_sim.cli.session import Session
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples", "4")
@@ -110,7 +110,7 @@ def test_error_of_numpy_is_no_mistake_of_the_user(monkeypatch, periscopy, tmp_pa
 def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):
     monkeypatch.setitem(sys.modules, "xarray", None)
     monkeypatch.setitem(sys.modules, "zarr", None)
-    monkeypatch.setattr(Light, "transport", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr(ps.Scenario, "transport", lambda *_, **__: pytest.fail("rendered"))
     sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
     assert "'.[sweep]'" in refused(*sweep, "--out", str(tmp_path / "sweep"))
 
@@ -183,6 +183,7 @@ class Interrupts:
 sys.meta_path.insert(0, Interrupts())
 """
 WITHIN = f"""
+import periscopy_sim as ps
 from periscopy_sim import cli
 cli.app = lambda *_, **__: {INTERRUPT}
 """

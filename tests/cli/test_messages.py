@@ -3,7 +3,7 @@ import pytest
 
 from periscopy_sim.cli import messages
 from periscopy_sim.model.residual import Residual
-from periscopy_sim.reconstruction.method import Report
+from periscopy_sim.reconstruction.method import Note, Report
 
 
 @pytest.mark.parametrize(
@@ -23,8 +23,10 @@ from periscopy_sim.reconstruction.method import Report
 def test_verdict_is_one_line_of_eighty_columns(diagnosis, unexplained, noise, excess, code):
     light = np.zeros((4, 4, 3))
     residual = Residual(light, unexplained, unexplained, noise, excess, diagnosis)
-    report = Report(residual=residual if diagnosis else None)
-    remedy = messages.sentence("pass", options="--hidden 18x32") if code == "does_not_fit" else ""
+    remedy = Note("better_transport", {"remedy": "areas"})
+    remedies = [remedy] if code == "does_not_fit" else []
+    report = Report(residual=residual if diagnosis else None, remedies=remedies)
     assert report.verdict.code == code
-    line = messages.verdict(report, remedy)
-    assert line.endswith(remedy) and len(line) <= 80 and "\n" not in line
+    line = messages.verdict(report, with_remedies=True)
+    assert line.endswith("Pass --model analytic.") == bool(remedies)
+    assert len(line) <= 80 and "\n" not in line

@@ -40,7 +40,7 @@ def test_scene_without_shadows_is_warned_of(capfd):
     session = Session("chair", ["4x5"], ["resolution=24", "occluder_dy=-0.8"])
     session.check_scene()
     (line,) = session.warnings
-    assert line.startswith("chair: ") and line in capfd.readouterr().err
+    assert line.startswith("chair.xml: ") and line in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -185,17 +185,17 @@ def test_data_set_has_images_of_each_surface(scene, succeeds, tmp_path):
     (tmp_path / "data.yaml").write_text(
         f"{{count: 4, hidden: {sizes}, samples_per_geometry: 4, samples_per_shard: 2,\n"
         f" scenes: [{{scene: {scene}}}], hidden_images: [{{kind: smooth}}],\n"
-        " ambient: [{kind: none}], snr: 200, light: {kind: direct, samples: 4}}\n"
+        " ambient: [{kind: none}], snr: 60, light: {kind: direct}}\n"
     )
     succeeds("dataset", "data.yaml", "--out", "data.zarr")
     data = ps.open_dataset(tmp_path / "data.zarr")
     two = ps.load_scenario(tmp_path / scene, SIZES)
-    A = ps.render_transport(two, samples=4, seed=0)
+    A = two.transport(1e-3)
     images = {name: data[f"hidden_{name}"].values for name in IDS}
     for k, photograph in enumerate(data["photograph"].values):
         signal = A @ two.hidden.vector({name: each[k] for name, each in images.items()})
         exact = signal.reshape(24, 24, 3) * two.channel_gain * float(data["signal_scale"][k])
-        np.testing.assert_allclose(photograph, exact, rtol=1e-4)
+        assert np.linalg.norm(photograph - exact) < 2e-3 * np.linalg.norm(exact)  # of 1e-3 noise
     assert not np.allclose(images["monitor"][0, :, :2], images["hidden_card"][0])
     assert "'hidden_card': [3, 2]" in succeeds("dataset", "info", "data.zarr")
     succeeds("dataset", "export", "data.zarr", "--samples", "0", "--out", "out")
@@ -274,7 +274,7 @@ def test_commands_without_an_image_need_no_grids(scene, succeeds, tmp_path):
 
 def test_page_writes_each_surface(scene, tmp_path):
     two = ps.load_scenario(tmp_path / scene, SIZES)
-    pictures = SizedLaboratory(two, is_coarse=True).pictures(Choice({}, "bars"), lambda *_: None)
+    pictures = SizedLaboratory(two, is_coarse=True).fit(Choice({}, "bars")).pictures()
     session = Session(str(tmp_path / scene), list(HIDDEN[1::2]))
     write_view(tmp_path / "view", session, pictures, None)
     files = {path.name for path in (tmp_path / "view").iterdir()}

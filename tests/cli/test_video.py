@@ -133,3 +133,33 @@ def test_pictures_of_a_longer_video_do_not_stay(photographs, video, tmp_path):
     video("y.npy")
     frames, _, _ = video("short.npy", "--coupling", "none")
     assert len(frames) == 2 == len(list((tmp_path / "out" / "frames").iterdir()))
+
+
+@pytest.mark.parametrize("kind", ["colours", "grey", "four", "matrix", "video"])
+def test_light_that_bounces_is_warned_of_in_any_channels(succeeds, kind, clip, scenario, tmp_path):
+    """A photograph without noise, and hardly any ambient light that could explain the bounces."""
+    f = clip.reshape(3, 20, 3)
+    f = {"grey": f[..., :1], "four": np.concatenate([f, f[..., :1]], axis=2)}.get(kind, f)
+    matrix = np.eye(3) + 0.2
+    y = ps.transport(scenario).astype(float) @ (f @ matrix.T if kind == "matrix" else f)
+    y = y.reshape(3, 24, 24, -1) * (scenario.channel_gain if y.shape[-1] == 3 else 1)
+    y += 1e-6 * y.mean() * np.random.default_rng(0).standard_normal(y.shape)
+    np.save(tmp_path / "y.npy", y if kind == "video" else y[0])
+    np.save(tmp_path / "B.npy", np.ones((576, 1)))
+    np.save(tmp_path / "matrix.npy", matrix)
+    scene = "--scene", "chair", "-D", "resolution=24", "--hidden", "4x5", "--light-model", "B.npy"
+    colours = ("--colour-matrix", "matrix.npy") if kind == "matrix" else ()
+    command = "video" if kind == "video" else "reconstruct"
+    succeeds(command, "y.npy", *scene, *colours, "--out", "out")
+    warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    assert any("--bounces all" in line for line in warnings)
+
+
+def test_smaller_patches_are_tried_for_a_video_too(succeeds, tmp_path):
+    """Noise of 60 dB, seed 0; 12 x 14 patches recovered as 6 x 7, see the same of one picture."""
+    scene = ps.load_scenario("chair", (12, 14), {"resolution": 32})
+    image = ps.read_hidden_image(ps.find_image("mushroom"), (12, 14)).reshape(-1, 3)
+    wall = (ps.transport(scene).astype(float) @ image).reshape(32, 32, 3)
+    np.save(tmp_path / "y.npy", np.stack([ps.add_noise(wall, 60, 0)] * 2))
+    size = "--scene", "chair", "-D", "resolution=32", "--hidden", "6x7"
+    assert "more patches" in succeeds("video", "y.npy", *size, "--out", "out")

@@ -17,7 +17,7 @@ ENTRIES = {
     ],
     "hidden_images": [{"kind": "shapes"}, {"kind": "digits"}, {"kind": "moving"}],
     "ambient": [{"kind": "lamps", "weight": 2}, {"kind": "none"}],
-    "light": {"kind": "direct", "samples": 4},
+    "light": {"kind": "direct"},
     "sbr": {"log_uniform": [0.1, 10]},
     "snr": {"uniform": [20, 60]},
     "exposure": {"uniform": [0.5, 2]},

@@ -61,9 +61,14 @@ def test_what_the_example_leaves_in_comments_is_valid_too():
         ("light: {kind: direct, smaples: 4}", r"line 7, light.smaples: .*'samples'\?$"),
         ("light: {samples: 4}", r"line 7, light: .*'kind'"),
         ("light: 5", r"line 7, light: "),
+        ("light: {kind: rays}", r"line 7, light: kind 'rays' is unknown; there are 'direct'"),
+        ("keep_background: maybe", r"line 7, keep_background: write true or false$"),
+        ("photograph_type: float64", r"line 7, photograph_type: write 'float32' or 'float16'$"),
+        ("clip_length: 0", r"line 7, clip_length: give at least 1$"),
+        ("colour_matrix: []", r"line 7, colour_matrix: give at least 3 of them$"),
         ("sbr: {uniform: [1, 0]}", r"line 7, sbr: an interval runs backwards"),
         ("sbr: -1", r"line 7, sbr: every value must lie from"),
-        ("seed: 1.5", r"line 7, seed: .*integer"),
+        ("seed: 1.5", r"line 7, seed: write a whole number$"),
         *((f"snr: {each}", "line 7, snr.*number") for each in ("yes", "true", "1:2.5", "'60'")),
         ("clip_length: 7", r"samples_per_shard \(50\) must be a multiple of clip_length \(7\)"),
         ("splits: {train: 0.5}", r"line 7, splits: .* must sum to 1"),
@@ -75,7 +80,7 @@ def test_what_the_example_leaves_in_comments_is_valid_too():
 def test_mistakes_are_told_with_their_line(tmp_path, change, message):
     with pytest.raises(ConfigurationError, match=message) as caught:
         load_configuration(written(tmp_path, LEAST + change + "\n"))
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(caught.value) and "Input" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

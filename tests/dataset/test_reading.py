@@ -46,7 +46,7 @@ def test_light_that_bounces_adds_its_error_to_the_samples(configured, whole, tmp
     """One round of paths tells little of it."""
     monkeypatch.setattr("periscopy_sim.rendering.transport.bounced.ROUNDS", 1)
     scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
-    light, path = {"kind": "bounced", "samples": 4}, tmp_path / "bounced.zarr"
+    light, path = {"kind": "bounced"}, tmp_path / "bounced.zarr"
     with pytest.warns(RuntimeWarning, match="'bright_room': light that bounces"):
         make_dataset(configured(count=30, light=light, scenes=scenes), path)
     error = ps.open_dataset(path).bounced_error

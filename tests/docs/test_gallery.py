@@ -54,7 +54,7 @@ CONFIGURATION = (ROOT / "docs" / "conf.py").read_text("utf-8")
 def test_script_runs_and_draws(script, tmp_path, monkeypatch):
     if "import pylops" in script.read_text("utf-8"):
         pytest.importorskip("pylops")
-    if "run_sweep" in script.read_text("utf-8"):
+    if "ps.sweep" in script.read_text("utf-8"):
         pytest.importorskip("xarray")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))

@@ -10,7 +10,8 @@ import xarray as xr
 from scipy import ndimage
 
 from periscopy_sim.errors import OutputError, PeriscopyError, SceneError
-from periscopy_sim.evaluation.sweep import Sweep, run_sweep
+from periscopy_sim.evaluation.sweep import Sweep, cell_seconds, run_sweep
+from periscopy_sim.evaluation.sweep_store import SweepStore
 from periscopy_sim.evaluation.world import World, flips
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.photograph import Photograph
@@ -133,6 +134,16 @@ def test_pixels_under_the_mask_change_no_measurement():
     assert np.array_equal(photograph(spoilt, "sun", 1, 0), expected)
 
 
+def test_the_time_of_a_cell_has_that_of_writing_it(monkeypatch):
+    write = SweepStore.write
+    monkeypatch.setattr(SweepStore, "write", lambda *given: (time.sleep(0.1), write(*given)))
+    sweep = sweep_of()
+    cell = {"image": "p", "background": "sun", "sbr": 1.0, "snr": 40.0, "seed": 0}
+    cells = {name: {"algorithm": name, **cell} for name in ("first", "second")}
+    seconds, writing = cell_seconds(sweep, sweep.world, cells)
+    assert seconds.keys() == cells.keys() and max(seconds.values()) < 0.1 < writing < 0.5
+
+
 def test_results_are_labelled_and_are_what_the_methods_give(done):
     _, results = done
     assert dict(results.sizes) == {
@@ -211,7 +222,7 @@ class Worlds:
     def __getattr__(self, name):
         return getattr(self.world, name)
 
-    def __call__(self, place):
+    def __call__(self, snr, place):  # noqa: ARG002
         if place in self.wrong:
             raise SceneError(f"no world at {place:g}")
         return self.world
@@ -286,8 +297,8 @@ def test_an_infinite_ratio_is_a_photograph_without_ambient_light(tmp_path):
     [
         ({"methods": {}}, "methods"),
         ({"seeds": [1, 1]}, "seed"),
-        ({"sbrs": [1, 0]}, "SBR"),
-        ({"snrs": [np.inf]}, "SNR"),
+        ({"sbrs": [1, 0]}, "sbrs"),
+        ({"snrs": [np.inf]}, "snrs"),
         ({"backgrounds": {"lamp": SIGNAL[1:]}}, "lamp'"),
         ({"signals": {"p": SIGNAL * np.nan}}, "p"),
         ({"truths": {"q": TRUTH}}, "q"),
@@ -367,11 +378,11 @@ def test_worlds_vary_and_are_made_only_for_missing_cells(tmp_path):
     class Made:
         """Worlds of flat images, as bright and of the size as asked for."""
 
-        like = world_of(methods={"flat": None})
+        like = world_of(methods={"flat": Flat(None)})
         axes, hidden, channels = like.axes, like.hidden, 3
         conditions, conditions_of, measures = {}, {}, {}
 
-        def __call__(self, bright, hidden):
+        def __call__(self, snr, bright, hidden):  # noqa: ARG002
             made.append((bright, hidden))
             truth = np.full((*map(int, hidden.split("x")), 3), 0.5)
             methods = {"flat": Flat(truth)}

@@ -8,9 +8,8 @@ from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.page import Page
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.live.session import LiveSession
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 
-OFFERED = ("mushroom", "bars"), ("noise-aware", "preconditioned")
 PHOTOGRAPH, HIDDEN = (24, 24), (6, 8)
 
 
@@ -28,7 +27,7 @@ def level():
     """Make the plate's laboratory at a small size, with some light and a photograph."""
 
     def make(light=None, photograph=None):
-        return SizedLaboratory(plate(), light, photograph, is_coarse=True)
+        return SizedLaboratory(plate(), photograph, light, is_coarse=True)
 
     return make
 
@@ -58,7 +57,7 @@ def opened():
 
         def open_session(scenario, place, light, save):
             first = Choice({}, "mushroom", place)
-            session = LiveSession(scenario, first, *OFFERED, save, lambda _: [], light=light)
+            session = LiveSession(scenario, first, save, lambda _: [], light=light)
             session.shown = shown
             stack.enter_context(session)
             stack.enter_context(live.running(session))

@@ -8,7 +8,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from experiments.benchmarks import live
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 
 pytest.importorskip("websockets")
 pytest.importorskip("playwright")
@@ -61,8 +61,8 @@ def test_dragging_a_handle_moves_the_scene_and_its_pictures(session, page):
     released = time.monotonic()
     after = wait_for_full(session, since=released)[1]
     assert any(each.is_coarse for _, each in session.shown[count:])
-    moved = session.page.choice.values["occluder_dx"]
-    assert 0.02 < moved < 0.06 and session.page.choice.values["occluder_dz"] == 0
+    moved = session.choice.values["occluder_dx"]
+    assert 0.02 < moved < 0.06 and session.choice.values["occluder_dz"] == 0
     assert after.choice.values["occluder_dx"] == pytest.approx(moved)
     assert np.abs(after.photograph.values - before.photograph.values).max() > 0.02
 
@@ -104,13 +104,13 @@ def test_undo_takes_back_what_a_key_did_to_a_slider(session, page):
     assert slider.input_value() != before[0] and field.input_value() != before[1]
     slider.press("Control+z")
     page.wait_for_timeout(1000)
-    assert session.page.choice.values["occluder_dy"] == 0
+    assert session.choice.values["occluder_dy"] == 0
     assert (slider.input_value(), field.input_value()) == before
 
 
 def test_a_bookmark_with_a_fragment_opens_the_page(session, browser):
     opened = browser.new_page()
-    opened.goto(f"{session.page.gate.url}#x")
+    opened.goto(f"{session.gate.url}#x")
     opened.locator("#panels figure").first.wait_for(timeout=1000 * PATIENCE)
     opened.close()
 
@@ -138,7 +138,7 @@ CONTRAST = """() => {
 
 
 def test_both_themes_are_legible_and_keep_the_photographs_values(session, page):
-    wait_for_full(session, lambda each: each.choice == session.page.choice)
+    wait_for_full(session, lambda each: each.choice == session.choice)
     looks = {}
     for scheme in "light", "dark":
         page.emulate_media(color_scheme=scheme)
@@ -159,7 +159,7 @@ def test_no_text_of_the_page_is_markup(page):
 
 
 def test_no_request_leaves_the_machine(session, page):
-    home = f"//127.0.0.1:{session.page.gate.port}"
+    home = f"//127.0.0.1:{session.gate.port}"
     asked = [url for url in page.requests if url.startswith(("http", "ws"))]
-    assert len(asked) >= 3  # the page, its script and its websocket
+    assert len(asked) >= 2  # the page and its websocket
     assert all(home in url for url in asked), asked

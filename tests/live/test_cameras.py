@@ -20,7 +20,7 @@ CODES = np.random.default_rng(3).integers(0, 256, (5, 16, 24, 3), np.uint8)
 
 def frames_of(text, folder):
     (folder / "mine.py").write_text(text)
-    frames = [*open_source(f"{folder / 'mine.py'}:frame").frames(Event(), print)]
+    frames = [*open_source(f"{folder / 'mine.py'}:frame")(Event(), print)]
     return [each.values for each in frames]
 
 

@@ -42,7 +42,7 @@ def tiff(value):
 
 
 def value_of(frame):
-    return float(frame.values.values.mean())
+    return float(frame.values.mean())
 
 
 def test_the_newest_of_a_thousand_files_is_taken_and_the_others_are_counted(
@@ -56,10 +56,12 @@ def test_the_newest_of_a_thousand_files_is_taken_and_the_others_are_counted(
 
     write(range(3))
     source = open_source(tmp_path)
-    incoming = source.frames(stopped, said.append)
-    assert value_of(next(incoming)) == 3 and source.dropped == 0  # the old ones are not late
+    incoming = source(stopped, said.append)
+    first = next(incoming)
+    assert value_of(first) == 3 and first.number == 0  # the old ones are not late
     write(range(3, 1000))
-    assert value_of(next(incoming)) == 1000 and source.dropped == 996
+    last = next(incoming)
+    assert value_of(last) == 1000 and last.number == 997
     (tmp_path / "next.tif").write_bytes(tiff(7))
     assert value_of(next(incoming)) == 7
     assert said == []
@@ -70,7 +72,7 @@ def test_a_file_is_read_again_when_it_or_its_folder_is_written_anew(tmp_path, sa
     file = folder / "latest.tif"
     folder.mkdir()
     file.write_bytes(tiff(1))
-    incoming = open_source(folder).frames(stopped, said.append)
+    incoming = open_source(folder)(stopped, said.append)
     assert value_of(next(incoming)) == 1
     file.write_bytes(tiff(2))
     assert value_of(next(incoming)) == 2
@@ -84,14 +86,14 @@ def test_a_file_is_read_again_when_it_or_its_folder_is_written_anew(tmp_path, sa
     for k in range(2):
         Thread(target=loses, args=(k, 3 + k)).start()
         assert value_of(next(incoming)) == 3 + k
-    assert [line.rpartition("; ")[2] for line in said] == ["waiting for the folder"] * 2
+    assert {line.rpartition("; ")[2] for line in said} == {"waiting for the folder"}
 
 
 def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
     tmp_path, said, stopped, monkeypatch
 ):
     source = open_source(tmp_path)
-    incoming = source.frames(stopped, said.append)
+    incoming = source(stopped, said.append)
     half = tmp_path / "a.tif"
     half.write_bytes(tiff(5)[:-20])
     for name in ("notes.txt", "more.txt", ".hidden.tif"):
@@ -100,18 +102,27 @@ def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
     assert value_of(next(incoming)) == 5
     monkeypatch.setattr(frames, "PATIENCE", 0.05)
     (tmp_path / "b.tif").write_bytes(b"II*\0 and no more")
+    (tmp_path / "empty.tif").touch()
     (tmp_path / "c.npy").write_bytes(b"another format")
     Thread(target=lambda: stopped.wait(0.5) or (tmp_path / "d.tif").write_bytes(tiff(6))).start()
     assert value_of(next(incoming)) == 6
     foreign, *others = sorted(said, key=lambda line: ".txt" not in line)
-    assert "no photograph; ignored" in foreign and len(said) == 3
-    assert any("b.tif" in line for line in others)
+    assert "no photograph; ignored" in foreign and len(said) == 5
+    assert any("b.tif" in line for line in others) and any("empty.tif" in line for line in others)
     assert any("c.npy" in line and "another format" in line for line in others)
+
+
+def test_a_file_that_cannot_be_read_is_named_when_a_later_one_is_shown(tmp_path, said, stopped):
+    incoming = open_source(tmp_path)(stopped, said.append)
+    (tmp_path / "a.tif").write_bytes(b"junk")
+    Thread(target=lambda: stopped.wait(0.3) or (tmp_path / "b.tif").write_bytes(tiff(6))).start()
+    assert value_of(next(incoming)) == 6
+    assert len(said) == 1 and "a.tif" in said[0]
 
 
 def test_what_lay_in_a_folder_does_not_choose_its_format(tmp_path, said, stopped):
     np.save(tmp_path / "old.npy", np.ones((4, 6, 3)))
-    incoming = open_source(tmp_path).frames(stopped, said.append)
+    incoming = open_source(tmp_path)(stopped, said.append)
     assert value_of(next(incoming)) == 1
     Thread(target=lambda: stopped.wait(0.3) or (tmp_path / "a.tif").write_bytes(tiff(5))).start()
     assert value_of(next(incoming)) == 5 and not said
@@ -122,7 +133,7 @@ def test_entries_that_are_no_files_do_not_stop_a_folder(tmp_path, said, stopped)
     (tmp_path / "gone.tif").symlink_to("nowhere")
     (tmp_path / "folder.tif").mkdir()
     (tmp_path / "a.tif").write_bytes(tiff(5))
-    assert value_of(next(open_source(tmp_path).frames(stopped, said.append))) == 5
+    assert value_of(next(open_source(tmp_path)(stopped, said.append))) == 5
     assert not said
 
 
@@ -130,11 +141,12 @@ def test_a_file_of_its_full_size_is_read_when_it_is_written_to_its_end(
     tmp_path, said, stopped, monkeypatch
 ):
     """As a copy over a network makes it: the size first, then the bytes, with a pause."""
-    monkeypatch.setattr(frames, "ZEROS", (64, 2.0))
+    monkeypatch.setattr(frames, "ZEROS", 64)
+    monkeypatch.setattr(frames, "PATIENCE", 2.0)
     file, whole = tmp_path / "a.tif", tiff(5)
     file.write_bytes(whole[: len(whole) // 2] + bytes(len(whole) - len(whole) // 2))
     Thread(target=lambda: stopped.wait(0.5) or file.write_bytes(whole)).start()
-    incoming = open_source(tmp_path).frames(stopped, said.append)
+    incoming = open_source(tmp_path)(stopped, said.append)
     assert value_of(next(incoming)) == 5
     (tmp_path / "black.tif").write_bytes(tiff(0))  # dark to its last byte
     assert value_of(next(incoming)) == 0
@@ -159,16 +171,16 @@ def own(tmp_path):
 
 
 def test_a_function_of_a_file_ends_with_none(own, said, stopped):
-    got = [*open_source(f"{own}:frame").frames(stopped, said.append)]
+    got = [*open_source(f"{own}:frame")(stopped, said.append)]
     assert got[0].values.shape == (4, 4, 1) and (got[0].values == 9).all()
-    assert got[0].values.dtype == np.uint16 and got[1].values.size == (4, 4)
-    assert len(got) == 2 and not said
+    assert got[0].values.dtype == np.uint16 and got[1].light.size == (4, 4)
+    assert len(got) == 2 and "16-bit" in said[0]
 
 
 def test_an_error_of_a_function_names_it_and_its_line(own, stopped):
     for camera, name in (f"{own}:broken", "mine.py:broken"), (broken_here, "broken_here"):
         with pytest.raises(PeriscopyError, match=name) as error:
-            next(open_source(camera).frames(stopped, print))
+            next(open_source(camera)(stopped, print))
         assert isinstance(error.value.__cause__, RuntimeError)
         file, line = re.search(r"\((.+):(\d+)\)$", str(error.value)).groups()
         text = (own if file == "mine.py" else Path(__file__)).read_text().splitlines()
@@ -202,8 +214,8 @@ def test_each_frame_of_a_buffer_is_a_copy(said, stopped):
             buffer += 1
             return buffer if buffer.max() < 4 else None
 
-        got = [*open_source(camera, linear=True).frames(stopped, said.append)]
-        assert [float(each.pixels.max()) for each in got] == [1, 2, 3]
+        got = [*open_source(camera, linear=True)(stopped, said.append)]
+        assert [float(each.values.max()) for each in got] == [1, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -214,13 +226,20 @@ def test_each_frame_of_a_buffer_is_a_copy(said, stopped):
         (np.full((4, 4), np.nan), "NaN"),
         (np.ones((4, 4), complex), "complex"),
         (np.ones(7), "shape"),
+        ("no frame", r"shoot' \(test_frames.py:\d+\) returned a str, 'no frame'; return"),
+        ((True, np.ones((4, 4, 3))), r"\(test_frames.py:\d+\) returned a tuple, \(True, array"),
+        ({"frame": 1}, "returned a dict"),
     ],
 )
 def test_what_is_no_frame_comes_as_its_error(frame, reason, said, stopped):
     shots = iter([frame, np.ones((4, 4, 3)), None])
-    got = [*open_source(shots.__next__).frames(stopped, said.append)]
-    assert isinstance(got[0], PhotographError) and reason in str(got[0])
-    assert got[1].pixels.shape == (4, 4, 3) and not said
+
+    def shoot():
+        return next(shots)
+
+    got = [*open_source(shoot)(stopped, said.append)]
+    assert isinstance(got[0], PhotographError) and re.search(reason, str(got[0]))
+    assert got[1].values.shape == (4, 4, 3) and not said
 
 
 def test_saturation_is_declared_or_a_plateau_is_named(said, stopped):
@@ -229,12 +248,12 @@ def test_saturation_is_declared_or_a_plateau_is_named(said, stopped):
     sources = [
         open_source(iter([codes, None]).__next__, linear=True, white=w) for w in (None, 4095)
     ]
-    frames_of = [next(source.frames(stopped, said.append)) for source in sources]
-    assert [int(np.count_nonzero(each.saturated)) for each in frames_of] == [0, 120]
-    assert len(said) == 1 and "4095" in said[0]
+    frames_of = [next(source(stopped, said.append)) for source in sources]
+    assert [int(np.count_nonzero(each.light.saturated)) for each in frames_of] == [0, 120]
+    assert sum("4095" in line for line in said) == 1
 
 
-def test_late_items_are_dropped_and_counted():
+def test_late_items_are_dropped():
     place, got, free = Latest(), [], Event()
 
     def take():
@@ -252,4 +271,4 @@ def test_late_items_are_dropped_and_counted():
     free.set()
     threads[0].start()
     threads[0].join()
-    assert got == [9] and place.dropped == 9
+    assert got == [9]

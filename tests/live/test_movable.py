@@ -5,7 +5,7 @@ import pytest
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.live.movable import find_movables
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import find_scene
 
 
@@ -26,9 +26,8 @@ def test_handles_move_what_the_parameters_move_as_one(chair):
         "monitor": ("monitor_dx", "monitor_dy", "monitor_dz"),
         "camera": ("camera_dx", "camera_dz"),
     }
-    assert handles["chair"].axes == (True, True, True)
-    assert handles["camera"].axes == (True, False, True)
     np.testing.assert_allclose(handles["chair"].directions, np.eye(3), atol=1e-3)
+    assert not handles["camera"].directions[:, 1].any()
 
 
 def test_values_bring_a_handle_to_its_position(chair):

@@ -8,22 +8,18 @@ from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.live.pictures import Overtaken, SizedLaboratory, coarse
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.storage.pictures import averaged_photograph
 from tests.scenes.room import Room
 
 
-def never(*_):
-    """No newer wish comes."""
-
-
 def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
-    pictures = level().pictures(choice, never)
+    pictures = level().fit(choice).pictures()
     assert pictures.photograph.shape == (24, 24)
     assert pictures.image.shape == pictures.report.standard_errors.shape == (6, 8, 3)
     assert pictures.psnr == ps.psnr_gain_matched(pictures.image, pictures.truth) > 20
     moved = replace(choice, values={**choice.values, "occluder_dx": 0.03})
-    there = level().pictures(moved, never)
+    there = level().fit(moved).pictures()
     before, after = (each.scenario.scene.occluders[0].vertices for each in (pictures, there))
     shift = after - before
     np.testing.assert_allclose(shift, np.broadcast_to([0.03, 0, 0], shift.shape), atol=1e-6)
@@ -35,7 +31,7 @@ def test_photograph_is_what_its_model_says(level, choice):
     rng = np.random.default_rng(0)
     ambient = rng.uniform(1, 2, (24, 24, 3))
     lit = replace(choice, place="overcast", sbr=0.3, snr=40.0)
-    pictures = level(light=ambient).pictures(lit, never)
+    pictures = level(light=ambient).fit(lit).pictures()
     scene = pictures.scenario
     A = ps.render_transport(scene, samples=256)
     signal = (A @ pictures.truth.reshape(-1, 3)).reshape(24, 24, 3) * scene.channel_gain
@@ -53,14 +49,24 @@ def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
     sphere = parts.write(parts.blocker())  # has no closed form
     room = load_scenario(sphere, (3, 4), photograph=(12, 12))
     laboratory = SizedLaboratory(room, is_coarse=False)
-    pictures = laboratory.pictures(replace(choice, values={}), never)
+    pictures = laboratory.fit(replace(choice, values={})).pictures()
     assert not pictures.report.warnings
     monkeypatch.setattr(plan, "BUDGET", 0)
-    report = laboratory.pictures(replace(choice, values={}, snr=80.0), never).report
+    report = laboratory.fit(replace(choice, values={}, snr=80.0)).pictures().report
     (warning,) = report.warnings
     assert warning.code == "transport_error"
     assert warning.values["error"] > warning.values["noise"] == pytest.approx(0.01)
     assert report_sentences(report)
+
+
+def test_averages_to_come_need_a_finer_matrix_than_a_noisy_first_one(choice):
+    noise = 0.3 * np.random.default_rng(0).normal(size=(24, 24, 3))
+    first, light = Photograph(1 + noise), ps.Light("rays")
+    scene = load_scenario("plate", (6, 8), photograph=(24, 24), light=light)
+    assert scene.plan(scene.noise(first)) != scene.plan()
+    unknown = replace(choice, image="")
+    fitted = SizedLaboratory(scene, lambda: first, is_coarse=False).fit(unknown)
+    assert fitted.method.plan == scene.plan()
 
 
 COUNTED = """
@@ -77,10 +83,10 @@ def counted(scenario, A, B):
 def test_what_was_computed_is_kept(level, choice, tmp_path):
     (tmp_path / "own.py").write_text(COUNTED)
     laboratory, choice = level(), replace(choice, method=f"{tmp_path}/own.py:counted")
-    first = laboratory.pictures(choice, never)
-    noisier = laboratory.pictures(replace(choice, snr=20.0), never)
+    first = laboratory.fit(choice).pictures()
+    noisier = laboratory.fit(replace(choice, snr=20.0)).pictures()
     assert noisier.scenario is first.scenario and noisier.psnr < first.psnr
-    again = laboratory.pictures(choice, never)
+    again = laboratory.fit(choice).pictures()
     np.testing.assert_array_equal(again.image, first.image)
     assert (tmp_path / "fits").read_text() == "x"
 
@@ -88,13 +94,13 @@ def test_what_was_computed_is_kept(level, choice, tmp_path):
 def test_scene_that_explains_a_photograph_leaves_less_of_it(level, choice):
     """By which a person aligns a scene; what was hidden is not known."""
     values = {**choice.values, "occluder_dx": 0.01}
-    taken = level().pictures(replace(choice, values=values), never).photograph
+    taken = level().fit(replace(choice, values=values)).pictures().photograph
     unknown = replace(choice, image="")
     laboratory = level(photograph=taken)
     left = {}
     for dx in (-0.01, 0.0, 0.01):
         there = replace(unknown, values={**choice.values, "occluder_dx": dx})
-        pictures = laboratory.pictures(there, never)
+        pictures = laboratory.fit(there).pictures()
         assert pictures.truth is None and pictures.psnr is None
         left[dx] = pictures.report.residual.unexplained
     assert left[0.01] < 0.5 * min(left[0.0], left[-0.01])
@@ -119,26 +125,28 @@ def test_overtaken_work_ends_at_once(level, choice):
             raise Overtaken
 
     with pytest.raises(Overtaken):
-        level().pictures(choice, unless_overtaken)
+        level().fit(choice, unless_overtaken)
     assert len(asked) == 2
 
 
 def test_what_cannot_be_shown_is_reported(level, choice):
     behind = replace(choice, values={**choice.values, "monitor_dy": 3.0})
     with pytest.raises(PeriscopyError, match="monitor"):
-        level().pictures(behind, never)
+        level().fit(behind).pictures()
     with pytest.raises(PeriscopyError, match="monitor is off"):
-        level().pictures(replace(choice, image=""), never)
+        level().fit(replace(choice, image="")).pictures()
     with pytest.raises(PeriscopyError, match="no method"):
-        level().pictures(replace(choice, method="magic"), never)
+        level().fit(replace(choice, method="magic")).pictures()
     small = SizedLaboratory(load_scenario("plate", (8, 8), photograph=(8, 8)), is_coarse=True)
     with pytest.raises(PeriscopyError, match="rank"):
-        small.pictures(replace(choice, method="preconditioned"), never)  # ambient light too
+        small.fit(replace(choice, method="preconditioned")).pictures()  # ambient light too
 
 
 @pytest.mark.parametrize("size", [(126, 126), (50, 200), (40, 40)])
 def test_coarse_sizes_keep_more_pixels_than_patches(size):
-    small = coarse(load_scenario("plate", (29, 36), photograph=size), used=0.3)
+    scene = load_scenario("plate", (29, 36), photograph=size)
+    small = coarse(scene, used=0.3)
     shape, hidden = small.photograph_shape, small.hidden_shape
     assert max(shape) <= 32 and max(hidden) <= 12
     assert np.prod(hidden) <= 0.3 * np.prod(shape)
+    assert small.memo is scene.memo  # one limit for both

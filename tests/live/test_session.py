@@ -1,12 +1,16 @@
-import threading
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import pytest
 
+from experiments.benchmarks.live import running
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.live.pictures import Overtaken
-from periscopy_sim.live.session import LiveLaboratory
+from periscopy_sim.live.pictures import Choice, Overtaken
+from periscopy_sim.live.session import LiveSession
+from periscopy_sim.scenario import load_scenario
+
+pytest.importorskip("websockets")
 
 PATIENCE = 120.0
 
@@ -20,11 +24,11 @@ class Picture:
 class StandIn:
     """A level that takes its time, and looks now and then whether it is overtaken."""
 
-    def __init__(self, *, is_coarse, seconds=0.0):
-        self.is_coarse, self.seconds = is_coarse, seconds
+    def __init__(self, shown, *, is_coarse):
+        self.shown, self.is_coarse, self.seconds = shown, is_coarse, 0.0
         self.begun, self.given_up = [], []
 
-    def pictures(self, choice, unless_overtaken):
+    def follow(self, choice, unless_overtaken):
         self.begun.append(choice)
         if isinstance(choice, Exception):
             raise choice
@@ -36,21 +40,29 @@ class StandIn:
                 self.given_up.append(choice)
                 raise
             time.sleep(0.002)
-        return Picture(choice, self.is_coarse)
+        self.shown.append(Picture(choice, self.is_coarse))
 
 
-class Watched:
-    """A laboratory that runs in a thread, and what it has shown and reported."""
+class Following(LiveSession):
+    """A session of stand-ins, and what it has shown and reported."""
 
-    def __init__(self, coarse=0.0, full=0.0):
+    def __init__(self):
+        scenario = load_scenario("plate", (3, 4), photograph=(12, 12))
+        super().__init__(scenario, Choice({}, "mushroom"), lambda _: "", lambda _: [])
         self.shown, self.reported = [], []
-        self.coarse = StandIn(is_coarse=True, seconds=coarse)
-        self.full = StandIn(is_coarse=False, seconds=full)
-        self.laboratory = LiveLaboratory(
-            self.coarse.pictures, self.full.pictures, self.shown.append, self.reported.append
-        )
-        self.thread = threading.Thread(target=self.laboratory.run)
-        self.thread.start()
+        self.coarse = self._coarse = StandIn(self.shown, is_coarse=True)
+        self.full = self._full = StandIn(self.shown, is_coarse=False)
+        self.choice = "first"
+
+    def follow(self, laboratory, choice, check):
+        laboratory.follow(choice, check)
+
+    def show_trouble(self, text, **_):
+        self.reported.append(text)
+
+    def follow_now(self, choice, rest=0.0):
+        self.choice = choice
+        self.want(rest)
 
     def until(self, holds):
         end = time.monotonic() + PATIENCE
@@ -61,22 +73,23 @@ class Watched:
 
 @pytest.fixture
 def watched():
-    made = []
+    with ExitStack() as stack:
 
-    def make(**seconds):
-        made.append(Watched(**seconds))
-        return made[-1]
+        def make(coarse=0.0, full=0.0):
+            made = stack.enter_context(Following())
+            stack.enter_context(running(made))
+            made.until(lambda: len(made.shown) == 2 and made.reported)  # the first choice
+            for each in made.shown, made.coarse.begun, made.full.begun:
+                each.clear()
+            made.coarse.seconds, made.full.seconds = coarse, full
+            return made
 
-    yield make
-    for each in made:
-        each.laboratory.stop()
-        each.thread.join(PATIENCE)
-        assert not each.thread.is_alive()
+        yield make
 
 
 def test_coarse_pictures_come_first_and_full_ones_last(watched):
     w = watched(full=0.2)
-    w.laboratory.want("here")
+    w.follow_now("here")
     w.until(lambda: Picture("here", False) in w.shown)
     assert w.shown == [Picture("here", True), Picture("here", False)]
 
@@ -84,7 +97,7 @@ def test_coarse_pictures_come_first_and_full_ones_last(watched):
 def test_what_is_overtaken_is_dropped_and_not_queued(watched):
     w = watched(coarse=0.1)
     for number in range(50):
-        w.laboratory.want(number, 0.5)
+        w.follow_now(number, 0.5)
         time.sleep(0.01)
     w.until(lambda: Picture(49, False) in w.shown)
     assert 3 <= len(w.coarse.begun) <= 20
@@ -94,10 +107,10 @@ def test_what_is_overtaken_is_dropped_and_not_queued(watched):
 
 def test_full_pictures_that_are_overtaken_are_given_up(watched):
     w = watched(full=5.0)
-    w.laboratory.want("first")
+    w.follow_now("first")
     w.until(lambda: w.full.begun == ["first"])
     w.full.seconds = 0.0
-    w.laboratory.want("second")
+    w.follow_now("second")
     w.until(lambda: Picture("second", False) in w.shown)
     assert w.full.given_up == ["first"]
     assert Picture("first", False) not in w.shown
@@ -105,25 +118,37 @@ def test_full_pictures_that_are_overtaken_are_given_up(watched):
 
 def test_what_cannot_be_shown_is_reported_and_the_laboratory_goes_on(watched):
     w = watched()
-    w.laboratory.want(PeriscopyError("no such\nscene"))
+    w.follow_now(PeriscopyError("no such\nscene"))
     w.until(lambda: "no such scene" in w.reported)
-    w.laboratory.want(RuntimeError("bug"))
+    w.follow_now(RuntimeError("bug"))
     w.until(lambda: "RuntimeError: bug" in w.reported)
-    w.laboratory.want("better")
+    w.follow_now("better")
     w.until(lambda: Picture("better", False) in w.shown)
     assert w.reported[-1] == ""
 
 
-def test_full_pictures_are_saved_once_they_are_shown(watched):
-    w = watched(full=0.2)
-    saved = []
-    w.laboratory.want("here", 60.0)
-    w.laboratory.save(saved.append)
-    w.until(lambda: saved)
-    assert saved == [Picture("here", False)] == w.shown[-1:]
+def test_a_choice_that_is_done_in_full_is_followed_in_full_alone(watched):
+    w = watched()
+    w.follow_now("here")
+    w.until(lambda: Picture("here", False) in w.shown)
+    w.want()
+    w.until(lambda: len(w.shown) > 2)
+    assert w.shown == [Picture("here", True)] + [Picture("here", False)] * 2
+    w.follow_now("there")
+    w.until(lambda: Picture("there", False) in w.shown)
+    assert w.shown[3] == Picture("there", True)
 
-    def full_disk(_):
+
+def test_a_job_waits_for_full_pictures_which_do_not_wait(watched):
+    w = watched(full=0.2)
+    shown = []
+    w.follow_now("here", 60.0)
+    w.at_rest(lambda: shown.extend(w.shown))
+    w.until(lambda: shown)
+    assert shown[-1] == Picture("here", False)
+
+    def full_disk():
         raise PeriscopyError("disk full")
 
-    w.laboratory.save(full_disk)
+    w.at_rest(full_disk)
     w.until(lambda: w.reported[-1] == "disk full")

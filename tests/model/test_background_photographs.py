@@ -3,8 +3,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from periscopy_sim.evaluation.methods import fit_method
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.methods import fit_method
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD

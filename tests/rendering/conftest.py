@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.variant import OVERRIDE, mi, use_variant
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.shipped import find_scene
 from tests.scenes.room import Room
 

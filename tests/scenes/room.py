@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Scenario, load_scenario
 
 
 class Room:

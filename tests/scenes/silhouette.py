@@ -10,8 +10,7 @@ from periscopy_sim.calibration.silhouette.result import Silhouette
 from periscopy_sim.calibration.silhouette.scene import write_masked_scene
 from periscopy_sim.measurement import add_noise, composite
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Scenario, load_scenario
 
 SCENE = """<scene version="3.0.0">
     <default name="shift" value="0"/>

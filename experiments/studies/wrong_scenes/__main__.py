@@ -5,7 +5,7 @@ traced, all bounces, as their files say, under ambient light, at 60 dB. Then eve
 ruler gave is drawn anew by the error that the file declares of it, all at once, and calibration
 starts there. It knows the photograph and the file with the wrong numbers, nothing of the truth. The
 hidden image is recovered by the noise-aware method with the true scene, the ruler's and the
-calibrated one, by `periscopy sweep`. "Loss" is in registered dB, after the shift that fits the
+calibrated one, by `ps.sweep`. "Loss" is in registered dB, after the shift that fits the
 truth best: a monitor's shift in its plane no photograph tells. An image is in its place if this
 shift gains less than 1 dB.
 
@@ -21,7 +21,7 @@ Each scene has a folder, in which the same command goes on; one of more draws co
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,8 +36,6 @@ from experiments.studies.wrong_scenes.plain_scenes import (
     plain_subjects,
 )
 from experiments.studies.wrong_scenes.subjects import NAMES, Photographed, photographed, subjects
-from periscopy_sim.cli import app
-from periscopy_sim.evaluation.sweep_store import read_sweep
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,23 +68,21 @@ def main(
                     f"--scenes: no scene '{name}'; there are {', '.join(known)}"
                 )
             take = photographed_plainly if name in SHOWN else photographed
-            app([*study(take(known[name], folder), sbr, draws), "--out", str(out / name)],
-                standalone_mode=False)  # fmt: skip
-            rows += rows_of(name, read_sweep(out / name / "sweep.zarr"))
+            ratios = [float(each) for each in sbr.split(",")]
+            results = study(take(known[name], folder), ratios, draws, out / name)
+            rows += rows_of(name, results)
             print("\n".join(rows), flush=True)
 
 
-def study(photographed: Photographed, sbr: str, draws: int) -> list[str]:
-    """Return the words of a scene's sweep."""
-    subject = photographed.subject
-    define = [word for n, value in subject.parameters.items() for word in ("-D", f"{n}={value}")]
-    return [
-        "sweep", str(subject.scene), *define, "--hidden", "{}x{}".format(*subject.hidden),
-        "--photograph", str(photographed.signal_file), "--truth", subject.image,
-        "--ambient", str(photographed.ambient_file), "--no-flips", "--snr", str(SNR),
-        "--methods", "noise-aware", "--sbr", sbr,
-        "--vary", "assumed=true,ruler,calibrated", "--vary", f"ruler=0:{draws - 1}:{draws}",
-    ]  # fmt: skip
+def study(taken: Photographed, ratios: Sequence[float], draws: int, out: Path) -> xr.Dataset:
+    """Sweep a scene's photograph over what the method knows of the scene."""
+    subject = taken.subject
+    return ps.sweep(
+        subject.at(), [subject.image], out, methods=["noise-aware"],
+        ambient={subject.place: taken.ambient}, sbr=ratios, snr=[SNR],
+        photograph=ps.Photograph.of(taken.signal),
+        vary={"assumed": ["true", "ruler", "calibrated"], "ruler": range(draws)},
+    )  # fmt: skip
 
 
 def rows_of(name: str, results: xr.Dataset) -> Iterator[str]:

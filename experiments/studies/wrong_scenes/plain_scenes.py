@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-import periscopy_sim as ps
 from experiments.setting import kept
 from experiments.studies.wrong_scenes.subjects import SEED, Photographed, Subject
 from experiments.worlds.making import bitmap, renderings
@@ -47,11 +46,11 @@ def plain_subjects() -> dict[str, Subject]:
 
 def photographed_plainly(subject: Subject, folder: Path) -> Photographed:
     """Render a subject by plain Mitsuba, or read the renderings that a folder holds."""
-    truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
+    truth = subject.at().image(subject.image)
     files = [folder / subject.name / f"{name}.exr" for name in (subject.image, subject.place)]
     signal = _rendered(subject, files[0], truth, "0")
     ambient = _rendered(subject, files[1], np.zeros_like(truth), "1")
-    return Photographed(subject, truth, signal, ambient, *files)
+    return Photographed(subject, truth, signal, ambient)
 
 
 def _rendered(subject: Subject, file: Path, shown: Array, lamps: str) -> Array:

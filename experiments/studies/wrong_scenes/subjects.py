@@ -11,7 +11,7 @@ another stranger's making: two boxes that make few shadows, and a camera turned 
 import shutil
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,6 @@ from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, star
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.ambient_library import ambient_photographs
 from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256
 from periscopy_sim.storage.outputs.staging import staged_folder
 
@@ -95,8 +94,6 @@ class Photographed:
     truth: Array  # (R, C, 3) in [0, 1]
     signal: Array
     ambient: Array
-    signal_file: Path
-    ambient_file: Path
 
 
 def subjects(folder: Path) -> dict[str, Subject]:
@@ -125,18 +122,16 @@ def subjects(folder: Path) -> dict[str, Subject]:
 
 def photographed(subject: Subject, folder: Path) -> Photographed:
     """Path trace a subject and its ambient light, or read what a folder holds of them."""
-    places = folder / subject.name
-    truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
+    scene = replace(subject.at(), seed=SEED)
     signal = path_traced(subject, subject.image, folder)
-    lit = ambient_photographs([subject.place], subject.at(), places, SEED)[subject.place]
-    files = folder / f"{subject.name}_{subject.image}.exr", places / f"{subject.place}.exr"
-    return Photographed(subject, truth, signal, lit.photograph, *files)
+    ambient = scene.ambient(subject.place).photograph
+    return Photographed(subject, scene.image(subject.image), signal, ambient)
 
 
 def path_traced(subject: Subject, image: str, folder: Path, seed: int = SEED) -> Array:
     """Path trace the monitor's light of a picture, all bounces, or read what a folder holds."""
-    shown = ps.read_hidden_image(ps.find_image(image), subject.hidden)
     scene = ps.load_scenario(subject.lit, subject.hidden, subject.parameters)
+    shown = scene.image(image)
     depends = {
         "scene_sha256": scene_sha256(subject.lit),
         "parameters": str(dict(subject.parameters)),

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError, did_you_mean
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
-from periscopy_sim.scenario import Scenario
 
 Cells = NDArray[np.bool_]
 
@@ -29,7 +29,7 @@ class MaskPlane:
     down: Array  # (3,) along the left edge, as long as it
 
     @classmethod
-    def of(cls, scenario: Scenario, name: str) -> Self:
+    def of(cls, scenario: Geometry, name: str) -> Self:
         """Return the rectangle about the flat occluder of a name, in its middle plane.
 
         A SceneError says that there can be no mask.
@@ -81,7 +81,7 @@ class MaskPlane:
         """Return the points, (..., 3), at places across and down, (..., 2), from 0 to 1."""
         return np.asarray(self.corner + places[..., :1] * self.across + places[..., 1:] * self.down)
 
-    def fraction(self, scenario: Scenario) -> float:
+    def fraction(self, scenario: Geometry) -> float:
         """Return the fraction of the way from the wall to the monitor at which it stands."""
         normal = np.cross(self.across, self.down)
         wall, monitor = (
@@ -100,7 +100,7 @@ class MaskPlane:
         )
         return rows, -rows @ self.corner
 
-    def pixels_a_cell(self, scenario: Scenario, cells: tuple[int, int]) -> float:
+    def pixels_a_cell(self, scenario: Geometry, cells: tuple[int, int]) -> float:
         """Return how many pixels, seen from a point of the monitor, the smaller cell side has.
 
         A SceneError says that there are fewer than two cells, or less than a pixel in each.

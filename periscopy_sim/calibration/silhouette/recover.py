@@ -30,11 +30,11 @@ from periscopy_sim.calibration.silhouette.shadows import CellShadows
 from periscopy_sim.calibration.silhouette.unknown import STARTS, UnknownImage, search
 from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.errors import PhotographError, SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden, Sizes
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
-from periscopy_sim.rendering.scene.load import load_scenario
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.rendering.scene.load import load_geometry
 from periscopy_sim.scene import CAMERA, Scene
 from periscopy_sim.storage.pictures import averaged_photograph
 from periscopy_sim.view import View
@@ -99,7 +99,7 @@ def recover_silhouette(
         as pictures (without these: one).
     """
     report = progress or (lambda _: None)
-    scenario = load_scenario(scene, hidden, parameters, camera=camera)
+    scenario = load_geometry(scene, hidden, parameters, camera=camera)
     plane = MaskPlane.of(scenario, shape)
     cells, size = cells or plane.square_cells(), scenario.photograph_shape
     needed = np.ceil(max(size) / plane.pixels_a_cell(scenario, cells))
@@ -155,7 +155,7 @@ def recover_silhouette(
 class _Place:
     """Where a mask stands, in an occluder's place, and the hidden patches."""
 
-    scenario: Scenario
+    scenario: Geometry
     name: str
     plane: MaskPlane
     hidden: Hidden
@@ -166,8 +166,8 @@ class _Place:
         shape, camera = photograph.shape, self.scenario.view.camera
         view = View.of(scene, shape, camera=camera)
         fine = View.of(scene, shape, across=points_across(shape), camera=camera).of_pixels(used)
-        A = area_transport(Scenario(replace(fine, scene=scene.without(self.name)), hidden))
-        shadows = CellShadows.of(A, Scenario(view, hidden), self.plane, cells, used)
+        A = area_transport(Geometry(replace(fine, scene=scene.without(self.name)), hidden))
+        shadows = CellShadows.of(A, Geometry(view, hidden), self.plane, cells, used)
         if not shadows.light.any():
             raise SceneError(
                 f"scene '{scene.path}': occluder '{self.name}' casts no shadow of the monitor into "

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled
-from periscopy_sim.scenario import Scenario
 
 STEPS = 5.0
 """Rays that cross a cell, side by side, from the strata of a pixel or of a patch alone."""
@@ -36,7 +36,7 @@ class CellShadows:
     def of(
         cls,
         A: NDArray[np.float32],
-        scenario: Scenario,
+        scenario: Geometry,
         plane: MaskPlane,
         cells: tuple[int, int],
         used: NDArray[np.bool_],

@@ -8,8 +8,6 @@ from periscopy_sim.cli import options
 from periscopy_sim.cli.options import OUTPUT, argument, example_of, option, require_suffix
 from periscopy_sim.cli.output import conclude, output_files, progress, written
 from periscopy_sim.cli.session import Session
-from periscopy_sim.figures.laboratory.projections import laboratory_figure
-from periscopy_sim.rendering.variant import require_vectorized
 
 _MEASUREMENTS = "The measurements; see --example."
 _OUT = "The scene's XML file; its meshes are written beside it."
@@ -26,7 +24,7 @@ def lab(
     Each number and its error become <default>s of the scene.
     """
     require_suffix(out, ".xml", "the scene")
-    written(*ps.build_laboratory(measurements, out))
+    written(*ps.lab(measurements, out))
     _Trial(str(out), []).check_shadows()
     conclude(f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}")
 
@@ -43,9 +41,8 @@ def draw(
     """
     options.require_suffix(out, ".png", "the drawing")
     with output_files(out) as (staged,):
-        require_vectorized("a drawing")
         session = _Trial(scene, [], define, camera=camera)
-        figure = laboratory_figure(session.scenario)
+        figure = ps.draw(session.scenario)
         with progress("drawing"):
             figure.savefig(staged, metadata=session.metadata)
     session.check_shadows()

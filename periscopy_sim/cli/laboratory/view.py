@@ -5,8 +5,8 @@ import signal
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from threading import Lock, Thread
-from typing import TYPE_CHECKING, Annotated, Any
+from threading import Event, Lock, Thread
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -19,9 +19,7 @@ from periscopy_sim.cli.output import outcome, output_folder, progress, say, warn
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.extras import require_all
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods, libraries_of
-from periscopy_sim.shipped import scenes_folder
-from periscopy_sim.storage.ambient_library import find_condition
+from periscopy_sim.reconstruction.registry import DEFAULT, libraries_of
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.pictures import write_png
@@ -64,27 +62,23 @@ def view(
             raise ps.PeriscopyError(f"{flag} needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
         raise ps.PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
-    if ambient:
-        find_condition(ambient)
-    session = WallSession(scene, hidden, define, mask=mask)
-    image = image or ("mushroom" if photo is None else "")
+    session, light, wall = WallSession(scene, hidden, define, mask=mask), None, None
     with progress("loading the scene"):
         from periscopy_sim.live.pictures import Choice
         from periscopy_sim.live.session import LiveSession
 
-        if image:
-            session.hidden_image(image)
         session.check_scene(method)
-        wall = None if photo is None else session.wall(photo)
-        light = None
+        if photo is None:
+            image = image or "mushroom"
+            session.scenario.image(image)
+        else:
+            wall = session.wall(photo)
         if ambient:  # its error is smooth: methods project it out
             light = session.ambient_light(ambient, target=0.05).photograph
-        shipped = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
         live = LiveSession(
-            session.scenario, Choice({}, image, ambient or "", method=method),
-            shipped if photo is None else [], installed_methods(),
-            lambda pictures: write_view(out, session, pictures, photo),
-            report_sentences, light=light, photograph=wall, host=host, port=port,
+            session.scenario, Choice({}, image or "", ambient or "", method=method),
+            lambda pictures: write_view(out, session, pictures, photo), report_sentences,
+            photograph=wall, light=light, host=host, port=port,
         )  # fmt: skip
     serve(live, session.path.name)
 
@@ -103,26 +97,23 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
 
     Nothing interrupts `close`: a terminal and a program may both send the same Ctrl-C.
     """
-    signals = list[int]()
-    former = {
-        each: signal.signal(each, lambda number, _: signals.append(number))
-        for each in (signal.SIGINT, signal.SIGTERM)
-    }
+    ends, both = Event(), (signal.SIGINT, signal.SIGTERM)
+    former = {each: signal.signal(each, lambda *_: ends.set()) for each in both}
     try:
         worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
         worker.start()
-        if live.page.gate.is_open:
+        if live.gate.is_open:
             warn(
                 "other computers can open the page, and its address is sent without encryption; "
                 "leave --host out to keep the page on this computer"
             )
-        say(f"{live.page.gate.url} shows {name}; Ctrl-C ends it", is_result=True)
-        while worker.is_alive() and not signals:
+        say(f"{live.gate.url} shows {name}; Ctrl-C ends it", is_result=True)
+        while worker.is_alive() and not ends.is_set():
             worker.join(0.2)
         with WRITING:
             live.stop()
             close()
-        if signals:
+        if ends.is_set():
             say("closed")
             outcome().show()
             os._exit(0)
@@ -131,31 +122,29 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
             signal.signal(number, handler)
 
 
-def write_view(out: Path, session: Session, pictures: "LivePictures", photo: Path | None) -> str:
+def write_view(
+    out: Path, session: Session, pictures: "LivePictures", photo: Path | None = None
+) -> str:
     """Write pictures and their scene to a folder, in place of former ones; return what to say."""
     scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
-    photograph = pictures.photograph.values
-    provenance = session.provenance_of(scenario)
+    provenance, photograph = session.provenance_of(scenario), pictures.photograph
     values = {name: f"{value:.9g}" for name, value in choice.values.items()}
-    settings = asdict(choice) | {"psnr": pictures.psnr}
+    settings = {**asdict(choice), "psnr": pictures.psnr}
     if pictures.truth is None:
-        settings = {name: settings[name] for name in ("values", "method")}
-    record: dict[str, Any] = {
-        **settings,
-        "photograph": None if photo is None else str(photo),
-        "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
-        "notes": report_sentences(report),
-        **({} if report.residual is None else report.residual.numbers()),
-        "provenance": provenance,
-    }
+        settings = {"values": choice.values, "method": choice.method}
     with WRITING, output_folder(out, (*OPTIONAL, "photograph.exr", "mask.png")) as folder:
+        text, images = as_text(provenance), scenario.hidden.images(pictures.image)
         write_copy(scenario.document, values, folder / "scene.xml")
         if photo is None:
-            write_exr(folder / "photograph.exr", photograph, as_text(provenance))
-        if photo is None and (mask := pictures.photograph.mask) is not None:
-            write_png(folder / "mask.png", np.repeat(mask[..., None], 3, axis=2), {})
-        images = scenario.hidden.images(pictures.image)
-        walls = {"photograph": photograph}
-        write_report(folder, report, scenario, images, walls, as_text(provenance))
-        write_json(folder / "view.json", record)
+            write_exr(folder / "photograph.exr", photograph.values, text)
+            if photograph.mask is not None:
+                write_png(folder / "mask.png", np.repeat(photograph.mask[..., None], 3, axis=2), {})
+        write_report(folder, report, scenario, images, {"photograph": photograph.values}, text)
+        record = {
+            "photograph": None if photo is None else str(photo),
+            "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
+            "notes": report_sentences(report),
+            **({} if report.residual is None else report.residual.numbers()),
+        }
+        write_json(folder / "view.json", {**settings, **record, "provenance": provenance})
     return f"wrote {out}"

@@ -2,7 +2,9 @@
 
 import csv
 import os
+from collections.abc import Mapping
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
@@ -14,10 +16,11 @@ from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, example_of, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
+from periscopy_sim.cli.study.forecast import counted
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
-from periscopy_sim.reconstruction.registry import DEFAULT, installed_methods
+from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
 from periscopy_sim.storage.outputs.growing import GrowingStack
 from periscopy_sim.storage.outputs.staging import unwritable_reported
@@ -25,7 +28,7 @@ from periscopy_sim.storage.photographs import read_mask
 
 if TYPE_CHECKING:
     from periscopy_sim.live.pictures import LivePictures
-    from periscopy_sim.live.stream import Progress, Stream
+    from periscopy_sim.live.watch import Progress
 
 EXAMPLE = Path(__file__).with_name("camera.py")
 _SOURCE = "A folder into which a camera writes, or file.py:function, which returns the next frame."
@@ -66,12 +69,11 @@ def watch(
             "--black, --white: a function's integers count as encoded for screens; leave them out, "
             "or add --linear if the integers are linear light"
         )
+    recorder = None if out is None else Recorder(out, session, source)
     with progress("loading the scene"):
         from periscopy_sim.live.frames import open_source
-        from periscopy_sim.live.pictures import Choice
         from periscopy_sim.live.preparation import Companions
-        from periscopy_sim.live.session import LiveSession
-        from periscopy_sim.live.stream import Stream
+        from periscopy_sim.live.watch import WatchSession
 
         frames = open_source(source, linear=linear, white=white, has_black=bool(black))
         session.check_scene(method)
@@ -84,28 +86,25 @@ def watch(
             {str(file): next(prepare.exposures([file], *of_frames)) for file in monitor_off},
             session.colours,
         )  # fmt: skip
-        stream = Stream(frames, session.scenario, companions, average, session.warn)
-        recorder = None if out is None else Recorder(out, session, stream, source)
-        folder = (out or Path("watch")) / "set"
-        live = LiveSession(
-            session.scenario, Choice({}, "", method=method), (), installed_methods(),
-            lambda pictures: write_view(folder, session, pictures, None), report_sentences,
-            stream=stream, record=recorder or (lambda *_: None), seed=session.seed, host=host,
-            port=port,
+        live = WatchSession(
+            frames, session.scenario, method,
+            partial(write_view, (out or Path("watch")) / "set", session), report_sentences,
+            companions=companions, count=average, say=session.warn,
+            record=recorder or (lambda *_: None), seed=session.seed, host=host, port=port,
         )  # fmt: skip
 
     def close() -> None:
         if recorder is not None:
-            recorder.close()
-        record(frames_shown=stream.shown, frames_dropped=stream.dropped)
-        say(f"{stream.shown} frames shown, {stream.dropped} dropped")
-        if (report := stream.verdict) is not None:
-            conclude(*session.judge(source, report))
+            recorder.close(live.record)
+        record(frames_shown=live.shown, frames_dropped=live.dropped)
+        say(f"{counted(live.shown, 'frame')} shown, {live.dropped} dropped")
+        if live.verdict is not None:
+            conclude(*session.judge(source, live.verdict))
 
     with live:
         serve(live, session.path.name, close)
-    if stream.fault is not None:
-        raise stream.fault
+    if live.fault is not None:
+        raise live.fault
 
 
 class Recorder:
@@ -116,18 +115,16 @@ class Recorder:
     which no camera can repeat.
     """
 
-    def __init__(self, folder: Path, session: PhotoSession, stream: "Stream", source: str) -> None:
+    def __init__(self, folder: Path, session: PhotoSession, source: str) -> None:
         if any(any(folder.glob(name)) for name in ("metrics.csv", "summary.json", "frames*.npy")):
             raise OutputError(f"{folder} holds a recording; name another folder for --out")
         # Before the first frame only a look: what fails before it leaves no empty folder.
         place = next(each for each in (folder, *folder.absolute().parents) if each.exists())
         if not (place.is_dir() and os.access(place, os.W_OK)):
             raise OutputError(f"cannot write {folder}; name another folder for --out")
-        self._folder, self._session, self._stream = folder, session, stream
-        self._source, self._count = source, 0
+        self._folder, self._session, self._source, self._count = folder, session, source, 0
         self._stacks: dict[str, GrowingStack] = {}
         self._file: TextIO | None = None
-        self._table: csv.DictWriter[str]
 
     def __call__(self, pictures: "LivePictures", progress: "Progress") -> None:
         """Record a frame; coarse pictures, which a moving scene has, are left out."""
@@ -136,17 +133,14 @@ class Recorder:
         from periscopy_sim.evaluation.video_metrics import record_of
 
         images = named("frames", self._session.scenario.hidden.images(pictures.image))
-        report, residual = pictures.report, pictures.report.residual
+        choice, residual = pictures.choice, pictures.report.residual
         row: dict[str, Any] = {
-            "frame": progress.frame,
-            "time": f"{progress.time:.4f}",
-            "method": pictures.choice.method,
-            **record_of(progress.frame, "", pictures.seconds, report.numbers),
+            "frame": progress.frame, "time": f"{progress.time:.4f}", "method": choice.method,
+            **record_of(progress.frame, "", pictures.seconds, pictures.report.numbers),
             "unexplained": residual.unexplained if residual else "",
             **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged")},
-            "noise_left": progress.noise_left if progress.averaged > 1 else "",
-            **pictures.choice.values,
-        }
+            "noise_left": progress.noise_left if progress.averaged > 1 else "", **choice.values,
+        }  # fmt: skip
         del row["name"]
         with WRITING, unwritable_reported(self._folder / "metrics.csv"):
             if self._file is None:
@@ -156,23 +150,22 @@ class Recorder:
                 table = csv.DictWriter(file, [*row], extrasaction="ignore", lineterminator="\n")
                 self._file, self._table = file, table
                 table.writeheader()
-                for stem, image in images.items():
-                    self._stacks[stem] = GrowingStack(self._folder / f"{stem}.npy", image.shape)
+                places = {stem: self._folder / f"{stem}.npy" for stem in images}
+                self._stacks = {n: GrowingStack(places[n], f.shape) for n, f in images.items()}
             for stem, image in images.items():
                 self._stacks[stem].append(image)
             self._table.writerow(row)
             self._file.flush()
             self._count += 1
 
-    def close(self) -> None:
+    def close(self, numbers: Mapping[str, object]) -> None:
         """Write the summary of the frames, if there are any."""
         if self._file is None:
             return
-        summary = {"source": self._source, "frames": self._count, **self._stream.record}
         with unwritable_reported(self._folder), closing(self._file):
             for stack in self._stacks.values():
                 stack.close()
         with output_files(self._folder / "summary.json") as (staged,):
+            summary = {"source": self._source, "frames": self._count, **numbers}
             self._session.write_summary(staged, summary)
-        files = "metrics.csv", *(f"{stem}.npy" for stem in self._stacks)
-        written(*(self._folder / name for name in files))
+        written(*(self._folder / f for f in ("metrics.csv", *(f"{s}.npy" for s in self._stacks))))

@@ -4,9 +4,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-import periscopy_sim as ps
 from periscopy_sim.cli import options
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.output import conclude, fixable, output_folder, progress, show_table
 from periscopy_sim.cli.session import WallSession
@@ -29,7 +28,7 @@ MEANINGS = {
 
 def analyze(
     session: WallSession,
-    light: Light,
+    light: LightOptions,
     out: options.Out,
     rank_tolerance: Annotated[float, option("NUMBER", _TOLERANCE, kind="tolerance")] = 1e-10,
 ) -> None:
@@ -41,15 +40,12 @@ def analyze(
 
     with output_folder(out, ["bounds*.npy"]) as folder:
         session.check_scene()
-        scenario = session.scenario
+        scenario = session.lit(light, strata="gauss")
         mask, monitor_off = session.companions()
-        A, B = session.transport(light, strata="gauss"), light.backgrounds(scenario)
-        white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)  # the photograph of a screen
-        channels = next(iter(monitor_off.values()), white)
-        wall = ps.Photograph(np.broadcast_to(white, channels.shape), mask, monitor_off)
+        session.transport(scenario)
         with fixable(f"scene '{scenario.path}'"), progress("analyzing"):
-            result = diagnostics.diagnose(
-                A, B, wall.shape, scenario.hidden, photograph=wall, rank_tolerance=rank_tolerance
+            result, wall = diagnostics.analyze(
+                scenario, mask=mask, monitor_off=monitor_off, rank_tolerance=rank_tolerance
             )
         hidden = scenario.hidden
         bounds = hidden.images(result.bounds)

@@ -1,19 +1,14 @@
 """What a sweep varies, as users write it: values of axes, ratios, ambient light."""
 
 import re
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from periscopy_sim.cli.options import RANGES, in_range, parse_definitions, parse_list
-from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.numerics.limits import number_of
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
-
-DARK = "none"
-"""Names photographs without ambient light."""
+from periscopy_sim.cli.options import parse_definitions
+from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics.limits import RANGES, in_range, number_of
 
 
 def parse_values(text: str, flag: str) -> list[Any]:
@@ -43,37 +38,3 @@ def parse_axes(entries: Iterable[str] | None) -> dict[str, list[Any]]:
     """Read ``--vary NAME=VALUES``, each name once."""
     axes = parse_definitions(entries, "--vary")
     return {name: parse_values(text, f"--vary {name}") for name, text in axes.items()}
-
-
-def check_numbers(kind: str, flag: str, values: Sequence[Any]) -> list[float]:
-    """Return the values of an axis, if they are numbers of a kind."""
-    wrong = [each for each in values if not (isinstance(each, float) and in_range(kind, each))]
-    if wrong:
-        limits = "{:g} to {:g}".format(*RANGES[kind])
-        raise PeriscopyError(f"{flag} {wrong[0]}: write numbers from {limits}, without units")
-    return [*values]
-
-
-def parse_ambient(text: str) -> dict[str, Path | None]:
-    """Read lighting conditions: names of shipped ones, groups of them, EXR files and folders.
-
-    Return the EXR file of each name; None for a shipped condition, and for `DARK` alone.
-    """
-    if text == DARK:
-        return {DARK: None}
-    shipped = *REALISTIC, *ADVERSARIAL
-    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL, **{name: [name] for name in shipped}}
-    lights: dict[str, Path | None] = {}
-    for entry in parse_list("--ambient", text):
-        path = Path(entry)
-        files = sorted(path.glob("*.exr")) if path.is_dir() else [path]
-        added: dict[str, Path | None] = {file.stem: file for file in files if file.suffix == ".exr"}
-        added = dict.fromkeys(groups[entry]) if entry in groups else added
-        if not added or added.keys() & lights.keys():
-            guess = "" if entry in groups else did_you_mean(entry, groups)
-            raise PeriscopyError(
-                f"--ambient '{entry}': {guess and f'{guess} '}write an EXR file, a folder of EXR "
-                f"files, all, adversarial, {', '.join(shipped)}, each once, or {DARK} alone"
-            )
-        lights |= added
-    return lights

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _CONFIGURATION = "The configuration; see --example."
 _COUNT = "Samples, instead of the configuration's."
+_SAMPLES = "Numbers and ranges, such as 0,4-7. [default: the first twelve]"
 _DATA = "A data set, as 'periscopy dataset' writes it."
 Archive = Annotated[Path, argument("DATA", _DATA, parser=options.place_of)]
 _MODULE = "periscopy_sim.dataset.configuration"
@@ -118,11 +119,12 @@ def verify(data: Archive) -> None:
 def export(
     data: Archive,
     out: options.Out,
-    samples: Annotated[str, option("NUMBERS", "Numbers and ranges, such as 0,4-7.")] = "0-11",
+    samples: Annotated[str, option("NUMBERS", _SAMPLES)] = "",
 ) -> None:
     """Write samples as EXR files, with a contact sheet."""
     count = open_dataset(data, incomplete=True).sizes["sample"]
     with staged_folder(out) as folder, progress("exporting", "samples") as report:
-        files = export_samples(data, folder, options.parse_indices(samples, count), report)
+        indices = options.parse_indices(samples or f"0-{min(count, 12) - 1}", count)
+        files = export_samples(data, folder, indices, report)
     written(out)
     conclude(f"{len(files)} files, among them sheet.png")

@@ -9,15 +9,12 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
-from periscopy_sim.calibration.prior import start_values
 from periscopy_sim.cli import options, output
-from periscopy_sim.cli.light import Light, check_memory
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.messages import sentence
 from periscopy_sim.cli.options import option
 from periscopy_sim.cli.session import Session
 from periscopy_sim.measurement import noise_to_signal
-from periscopy_sim.storage.outputs.provenance import image_sha256
-from periscopy_sim.storage.outputs.resume import resumed_folder
 
 Rows = Sequence[dict[str, Any]]
 """Points of a design, see `periscopy_sim.evaluation.design.Row`."""
@@ -39,7 +36,7 @@ class By(StrEnum):
 
 def design(
     session: Annotated[Session, {"hidden": ["15x18"]}],
-    light: Light,
+    light: LightOptions,
     vary: Annotated[str, option("NAME=LOW:HIGH,...", _VARY)],
     out: options.ResumedFolder,
     grid: Annotated[int, option("NUMBER", _GRID, kind="grid")] = 11,
@@ -54,54 +51,30 @@ def design(
     same command resumes an interrupted design.
     """
     from periscopy_sim.evaluation import design as designs
-    from periscopy_sim.rendering.transport.bounced import channels_mean
 
     ranges = options.parse_ranges(vary, "--vary")
-    if len(ranges) > 2:
-        raise ps.PeriscopyError("--vary: name one or two parameters")
     names = [] if images == "none" else options.parse_list("--images", images)
     if by is By.reported and not names:
         raise ps.PeriscopyError("--by reported needs images; leave --images out")
     for name in names:
         ps.find_image(name)
-    start = start_values(session.scenario.document, list(ranges))
-    given_point = dict(zip(ranges, map(designs.as_text, start), strict=True))
-    points = [given_point, *designs.grid_of(ranges, grid)]
-    pictures = {name: session.hidden_image(name) for name in names}
-    check_memory(session.scenario)
-    session.check_lights()
-    plan = light.plan(session.scenario, noise_to_signal(snr, sbr), session.seed)
-    pixels = session.scenario.transport_shape[0]
-
-    def errors(values: Mapping[str, str]) -> dict[str, float]:
-        """Return the errors of the scene with these values."""
-        given = {**session.definitions, **values}
-        scenario = ps.load_scenario(session.path, session.sizes, given, camera=session.sensor)
-        A = channels_mean(light.transport(scenario, plan, session.seed, "gauss"))
-        B, images = light.backgrounds(scenario), list(pictures.values())
-        return designs.errors_of(scenario, A, B, images, snr=snr, sbr=sbr, pixels=pixels)
-
+    session.check_scene()
+    scenario = session.lit(light)
+    with output.progress("designing", "scenes") as report:
+        rows = designs.design(
+            scenario, ranges, out, grid=grid, images=names, snr=snr, sbr=sbr, progress=report
+        )
     settings = {
-        "hidden_shape": session.hidden_shape,
-        "ranges": {name: list(ends) for name, ends in ranges.items()},
-        "grid": grid,
-        "seed": session.seed,
-        "snr": snr,
-        "sbr": str(sbr),
-        "images": [[name, image_sha256(image)] for name, image in pictures.items()],
-        **plan.origin,
-        **light.origin,
-    }
-    origin = {n: each for n, each in session.provenance.items() if n not in ("command", "scene")}
-    with resumed_folder(out, {**origin, **settings}, "design", (TABLE, BEST, *FILES)):
-        with output.progress("designing", "scenes") as report:
-            rows = designs.run_design(points, errors, out / TABLE, report)
-        ranking = designs.ranked(rows, "reported_error" if by is By.reported else "bound")
-        written = [*FILES, BEST] if ranking else FILES
-        with output.output_files(*(out / name for name in written)) as files:
-            _write_results(session, rows, ranking, {**settings, "by": by.value}, *files)
-        if not ranking:
-            (out / BEST).unlink(missing_ok=True)  # of another --by
+        "hidden_shape": session.hidden_shape, "ranges": ranges, "grid": grid,
+        "seed": session.seed, "snr": snr, "sbr": str(sbr), "images": names, "by": by.value,
+        **scenario.plan(noise_to_signal(snr, sbr)).origin, **light.origin,
+    }  # fmt: skip
+    ranking = designs.ranked(rows, "reported_error" if by is By.reported else "bound")
+    written = [*FILES, BEST] if ranking else FILES
+    with output.output_files(*(out / name for name in written)) as files:
+        _write_results(session, rows, ranking, settings, *files)
+    if not ranking:
+        (out / BEST).unlink(missing_ok=True)  # of another --by
     output.written(out / TABLE)
     _show_rows(rows, ranking)
 

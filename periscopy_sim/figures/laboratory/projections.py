@@ -18,6 +18,7 @@ from periscopy_sim.figures.laboratory.geometry import (
 from periscopy_sim.figures.space import show_space
 from periscopy_sim.figures.style import OKABE_ITO, PAGE, STYLE, mpl
 from periscopy_sim.numerics import Array
+from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.pictures import read_hidden_image
@@ -291,14 +292,15 @@ def _show_in_space(ax: Any, scenario: Scenario) -> None:
     ax.set_title("in space")
 
 
-def laboratory_figure(scenario: Scenario) -> "Figure":
+def draw(scenario: Scenario) -> "Figure":
     """Draw a scenario's laboratory to scale.
 
     Three views at one scale, after the third-angle projection: the front, the side view beside it,
     the plan below. The wall as the camera faces it is the front or, where it lies, the plan. Grey
     is how much of the hidden surfaces a point of the wall sees. The fourth panel shows the scene in
-    space.
+    space. A VariantError says that a scalar variant would take an hour.
     """
+    require_vectorized("a drawing")
     layout = RoomPlan(scenario)
     low, high, axes = layout.low, layout.high, [*layout.axes]
     spans = (high - low)[axes]

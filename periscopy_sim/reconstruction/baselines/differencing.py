@@ -22,7 +22,7 @@ from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.validation import (
     InputError,
     check_stopping,
-    check_weight,
+    checked_number,
     warn_unconverged,
 )
 from periscopy_sim.reconstruction.method import Precision, Solution, StillMethod, of_all
@@ -203,7 +203,7 @@ class Differencing(StillMethod[np.float64]):
         super().__init__(A, B, **scene)
         if stop not in get_args(Stop):
             raise InputError(f"stop is '{stop}': give 'converged' or 'published'")
-        check_weight("tv_weight", tv_weight)
+        checked_number(tv_weight, "tv_weight", 0)
         check_stopping(tolerance, max_iterations)
         self.tv_weight = tv_weight
         self.stop = stop

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from periscopy_sim.model.ambient_lines import AmbientLines
 from periscopy_sim.model.correction import Correction
 from periscopy_sim.model.evidence import Evidence
 from periscopy_sim.model.fit import Fit, FittedPhotograph
@@ -106,8 +107,8 @@ class NoiseAware(StillMethod[np.float64]):
         Whether ambient light may vary freely down and across the wall, see `wall_profiles`.
     corrections
         Classes or callables that make a `Correction` of a `Fit`, in order; () for the plain method.
-        None for the default: paint where there are background photographs, and a smooth gain over
-        the wall, both only if the rows and columns of photographs are given.
+        None for the default: paint where there are background photographs, lines of ambient light,
+        and a smooth gain over the wall, all only if the rows and columns of photographs are given.
     uncertain
         Effect of the scene's parameter errors on light, which standard errors then include. None if
         the scene is right.
@@ -154,7 +155,7 @@ class NoiseAware(StillMethod[np.float64]):
         chosen = self._corrections
         if chosen is None:
             has_paint = self.fit.monitor_off and self.fit.smooth_rank
-            chosen = [Paint, WallGain] if has_paint else [WallGain]
+            chosen = [*([Paint] if has_paint else []), AmbientLines, WallGain]
             chosen = [] if self.fit.shape is None else chosen
         return [each(self.fit) for each in chosen]
 

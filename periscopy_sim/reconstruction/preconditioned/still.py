@@ -1,5 +1,6 @@
 """Algorithm 1: precondition, denoise, repair. Fit once to a scene, reconstruct many photographs."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,9 +14,9 @@ from periscopy_sim.model.transport_operator import as_array
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.products import times_rows
 from periscopy_sim.numerics.validation import (
-    InputError,
     checked_companion,
     checked_image,
+    checked_number,
     plain_array,
 )
 from periscopy_sim.reconstruction.method import Report, Solution, StillMethod, of_all
@@ -171,11 +172,8 @@ class Periscope(StillMethod[np.floating[Any]]):
 
 def check_settings(tv_weight: float, repair_threshold: float) -> None:
     """Reject settings of total variation and repair that are negative or NaN."""
-    if not (tv_weight >= 0 and repair_threshold >= 0):
-        raise InputError(
-            f"tv_weight {tv_weight} and repair_threshold {repair_threshold}: give numbers that are "
-            "not negative"
-        )
+    checked_number(tv_weight, "tv_weight", 0, math.inf)
+    checked_number(repair_threshold, "repair_threshold", 0, math.inf)
 
 
 def denoise_and_repair(

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import check_weight
+from periscopy_sim.numerics.validation import checked_number
 from periscopy_sim.reconstruction.method import Series
 from periscopy_sim.reconstruction.preconditioned.still import (
     Estimate,
@@ -65,7 +65,7 @@ class Video(FrameByFrame[Reconstruction, np.floating[Any]]):
         l1_weight: float = 0.4,
     ) -> None:
         super().__init__(still, coupling, l1_weight)
-        check_weight("temporal_weight", temporal_weight)
+        checked_number(temporal_weight, "temporal_weight", 0)
         if np.isinf(still.tv_weight) and coupling != "none":
             raise ValueError("frames of an infinite tv_weight are flat; couple them by 'none'")
         self.temporal_weight = temporal_weight

@@ -23,9 +23,9 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import (
     InputError,
     check_stopping,
-    check_weight,
     checked_companion,
     checked_image,
+    checked_number,
     warn_unconverged,
 )
 from periscopy_sim.reconstruction.total_variation.dual_solver import ImageGrid, solve_dual
@@ -137,7 +137,7 @@ def solve_total_variation(
     ignored if it is of other sizes.
     """
     check_stopping(tolerance, max_iterations)
-    check_weight("temporal_weight", temporal_weight)
+    checked_number(temporal_weight, "temporal_weight", 0)
     values = checked_image(images)
     if values.ndim not in (2, 3) or values.shape[-2] != hidden.patches:
         raise InputError(

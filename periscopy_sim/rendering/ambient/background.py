@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.validation import checked_number
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.scene.checks import check_media
 from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.rendering.scene.wall import camera_of, look, map_points, shape_of
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, FieldFit, best_fit, chosen_sites
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import LIFT, View, WallFrame, pixel_edges, rises, wall_frame
 
@@ -58,16 +59,19 @@ class Background:
         whole.
     brightness_error
         Relative standard error of that factor; the root of both squares' sum is the whole error.
+    warnings
+        What the reader of a photograph's file had to assume, one line each.
     """
 
     photograph: Array = field(repr=False)
     relative_error: float
     brightness_error: float
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)
 
 
 def render_background(
     path: str | Path,
-    scenario: Scenario,
+    scenario: Geometry,
     parameters: Mapping[str, str] | None = None,
     *,
     target: float = 3e-4,
@@ -183,7 +187,7 @@ def refined(
     Return the light, (M, 3), and its errors: `relative_errors`, or what `errors_of` makes of the
     same arguments. The root of their squares' sum is what the target bounds.
     """
-    errors_of = errors_of or relative_errors
+    errors_of, target = errors_of or relative_errors, checked_number(target, "target", 0)
     for part in parts:
         part.add_round(seeds)
     work = np.array([part.work for part in parts])

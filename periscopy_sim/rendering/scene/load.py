@@ -1,7 +1,7 @@
 """A Mitsuba scene as a `Scene`, what its camera sees and its hidden surfaces, or what it lacks."""
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError, did_you_mean
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import GAUSS, Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
@@ -25,7 +26,6 @@ from periscopy_sim.rendering.scene.wall import (
     trace_wall,
 )
 from periscopy_sim.rendering.variant import LANES, mi, without_warnings
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import CAMERA, HIDDEN, Occluder, Scene, corners
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.view import View, moved_points
@@ -56,49 +56,20 @@ COARSE = 16, 16
 """Patches of hidden surfaces at whose centres to look for another surface."""
 
 
-def load_scenario(
+SCENES = 64
+"""Scenes at other values that a loaded one keeps: more than a file declares errors, but for the
+shelf's 24 twice."""
+
+
+def load_geometry(
     scene: str | Path | Scene,
     hidden: Sizes,
     parameters: Mapping[str, str | float] | None = None,
     *,
     photograph: tuple[int, int] | None = None,
     camera: str = CAMERA,
-) -> Scenario:
-    """Return the scenario of a scene that keeps the id contract.
-
-    It has a relay wall, the shape ``wall``, a sensor ``camera``, and hidden surfaces: the shape
-    ``monitor``, and every shape whose id begins with ``hidden``. A scene may have several walls,
-    whose ids begin with ``wall``: a camera's is the one in the middle of its picture; the others
-    are occluders to it. The view's points are where the camera's own rays
-    through the pixels' centres meet the wall, so any sensor serves; the patches are an R x C grid
-    in a surface's UV square, so any shape with a UV parametrization serves. A surface without an
-    emitter is Lambertian: its image is the radiance that it reflects.
-
-    Every pixel is averaged over its own area: a box of one pixel takes the place of the film's
-    reconstruction filter, in A and in photographs. Mitsuba's own ``mi.render`` of the file blurs by
-    a Gaussian unless its film asks for ``<rfilter type="box"/>``.
-
-    Parameters
-    ----------
-    scene
-        A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
-    hidden
-        (R, C), rows and columns of the hidden image; of several surfaces a mapping of such by id.
-    parameters
-        Values for the file's ``<default>``s.
-    photograph
-        (rows, columns) into which the camera's field of view is cut; None for the film's own
-        pixels. Another cut serves transport matrices and closed forms; pictures have the film's.
-    camera
-        Id of the sensor.
-
-    Raises
-    ------
-    SceneError
-        If the contract is broken, a pixel misses the wall, the hidden sizes are not possible or
-        lack a surface, one lies in another or faces away, or A cannot treat a material, a medium,
-        or a surface's place or UV.
-    """
+) -> Geometry:
+    """Return the view and the hidden surfaces of a scene; see `load_scenario`."""
     if not isinstance(scene, Scene):
         scene = load_scene(scene, parameters)
     elif parameters:
@@ -108,7 +79,7 @@ def load_scenario(
     if len(sizes) > 1:
         coarse = Hidden.of_scene(scene, dict.fromkeys(sizes, COARSE))
         check_apart(coarse, f"scene '{scene.path}'")
-    return Scenario(view, Hidden.of_scene(scene, sizes))
+    return Geometry(view, Hidden.of_scene(scene, sizes))
 
 
 def _size(rows: int, columns: int) -> Size:
@@ -182,6 +153,7 @@ class SceneLoader:
         self._last_views: dict[tuple[Size | None, int, str], View] = {}
         self._textures: dict[tuple[Size, int, str, bytes], dict[str, Any]] = {}
         self._last_hidden: dict[tuple[tuple[str, Size], ...], tuple[Hidden, Scene]] = {}
+        self._scenes: dict[tuple[Any, ...], Scene] = {}
         self._surfaces: dict[tuple[str, Size], Surface] = {}
         self._wholes: dict[str, Surface] = {}
         self.scene = Scene(
@@ -202,17 +174,38 @@ class SceneLoader:
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what is Mitsuba's, which cannot be pickled, and what a copy computes anew."""
         of_mitsuba = {"_built": (None, None), "_layout": None}
-        return self.__dict__ | of_mitsuba | {"_last_views": {}, "_last_hidden": {}, "_textures": {}}
+        computed: dict[str, Any] = {
+            "_last_views": {},
+            "_last_hidden": {},
+            "_textures": {},
+            "_scenes": {},
+        }
+        return self.__dict__ | of_mitsuba | computed
 
     def at(self, scene: Scene, values: Mapping[str, str]) -> Scene:
-        """Return a scene at other values, moved where that suffices, else loaded anew."""
+        """Return a scene at other values, moved where that suffices, else loaded anew.
+
+        The latest `SCENES` are kept: derivatives by a scene's numbers ask for each again and again.
+        """
+        bodies = (*scene.occluders, *scene.walls)
+        movable = tuple(each.name for each in bodies if each.vertices is not None)
+        key = movable, *sorted(values.items())
+        if key in self._scenes:
+            return self._scenes[key]
+        moved = self._at(values, movable)
+        if moved.source is self:  # others hold a Mitsuba scene of their own
+            while len(self._scenes) >= SCENES:
+                del self._scenes[next(iter(self._scenes))]
+            self._scenes[key] = moved
+        return moved
+
+    def _at(self, values: Mapping[str, str], movable: Sequence[str]) -> Scene:
         nodes = SceneNodes(self._path, values)
         layout = nodes.layout()
         if self._layout is None:  # of a pickled copy
             self._layout = SceneNodes(self._path, self.scene.parameters).layout()
-        bodies = (*scene.occluders, *scene.walls)
-        movable = [each.name for each in bodies if each.vertices is not None]
-        moved = only_motions(self._layout, layout, [*movable, *scene.emission, *self._cameras])
+        emission = self.scene.emission
+        moved = only_motions(self._layout, layout, [*movable, *emission, *self._cameras])
         if moved is None:
             return SceneLoader(nodes).scene
         return replace(

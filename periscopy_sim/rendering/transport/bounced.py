@@ -5,8 +5,6 @@ and column, of the powers that err least, times `View.paint`; over the patches i
 So to the transport matrix of channel c it adds W X_c: W, (M, K), the same for all, X_c of K rows.
 """
 
-import operator
-import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,21 +16,19 @@ from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import InputError, checked_matrix
+from periscopy_sim.numerics.validation import InputError, checked_matrix, checked_number
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.scene.wall import camera_of, shape_of
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
-from periscopy_sim.scenario import Scenario
 
 DIRECT = 1
 """Reflections of light that goes from the monitor to the wall and to the camera."""
-
-WORDS = {"direct": DIRECT, "all": None}
 
 PATHS = 512
 """Paths from each of these pixels in a round of a replica."""
@@ -90,7 +86,7 @@ class BouncedTransport:
     """The light transport matrix per channel, where surroundings reflect the monitor's light.
 
     `A @ f` is the photograph, (M, 3), of a hidden image, (N, 3), each channel by its own matrix,
-    before `Scenario.channel_gain`. As an array, `np.asarray(A)`, it is the channels' mean, (M, N),
+    before `Geometry.channel_gain`. As an array, `np.asarray(A)`, it is the channels' mean, (M, N),
     by which methods work: what channels differ by is smooth over the wall, as ambient light is. So
     NumPy's functions, `np.dot` for one, take the mean too; its operators take none.
 
@@ -135,20 +131,8 @@ class BouncedTransport:
         return np.array(self.mean, dtype=dtype, copy=copy)
 
 
-def bounces_in_words(bounces: int | None) -> str:
-    """Return how records and commands name a number of reflections: direct, all, or how many."""
-    return next((word for word, count in WORDS.items() if count == bounces), str(bounces))
-
-
-def bounces_of_words(text: str) -> int | None:
-    """Return the number of reflections that `bounces_in_words` names, or raise an InputError."""
-    if text not in WORDS and not re.fullmatch("[1-9][0-9]{0,5}", text):
-        raise InputError(f"'{text}': give direct, all, or a whole number from 1 to 999999")
-    return WORDS[text] if text in WORDS else int(text)
-
-
 def render_bounced_light(
-    scenario: Scenario,
+    scenario: Geometry,
     *,
     bounces: int | None = None,
     target: float = 2e-4,
@@ -176,8 +160,9 @@ def render_bounced_light(
         The target was not reached: the light is too noisy, or not smooth over the wall, as that by
         way of a mirror.
     """
-    if bounces is not None and operator.index(bounces) <= DIRECT:
-        raise InputError(f"bounces {bounces}: give a whole number from 2 on, or None for any")
+    if bounces is not None:
+        checked_number(bounces, "bounces", DIRECT + 1, whole=True)
+    checked_number(target, "target", 0)
     require_vectorized("light that bounces")
     if clear := scenario.scene.transparent:
         raise SceneError(
@@ -220,7 +205,7 @@ def render_bounced_light(
 
 
 def add_bounces(
-    scenario: Scenario,
+    scenario: Geometry,
     A: NDArray[np.float32],
     bounces: int | None = None,
     *,
@@ -245,7 +230,7 @@ def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:
 
 
 def make_tracer(
-    scenario: Scenario,
+    scenario: Geometry,
     sites: NDArray[np.intp],
     bounces: int | None,
     shown: Any = None,

@@ -11,11 +11,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.rendering.emitters.lcd import falloff_about
 from periscopy_sim.rendering.scene.load import patch_uv
 from periscopy_sim.rendering.scene.wall import camera_of, shape_of, surface_at
 from periscopy_sim.rendering.variant import dr, mi
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import EmissionProfile
 
 Strata = Literal["midpoint", "gauss", "jittered"]
@@ -32,7 +32,7 @@ class Kernel:
     samples.
     """
 
-    def __init__(self, scenario: Scenario, name: str, samples: int, strata: Strata) -> None:
+    def __init__(self, scenario: Geometry, name: str, samples: int, strata: Strata) -> None:
         source, view = scenario.scene.source, scenario.view
         self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
         self._camera = camera_of(self._scene, view.camera)

@@ -7,8 +7,8 @@ computations of a few rows measure either.
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +20,17 @@ from periscopy_sim.analytic.area_transport import (
     ways_to,
 )
 from periscopy_sim.errors import ClosedFormError, SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.shadow_rays import (
     RenderedTransport,
     render_transport,
     require_light,
 )
-from periscopy_sim.scenario import Scenario
 from periscopy_sim.view import View
 
 By = Literal["areas", "rays"]
@@ -65,27 +65,28 @@ FINEST = 4
 class TransportPlan:
     """How a scene's A is made, and how large its own error is."""
 
-    error: float  # standard deviation of a white image's light in A, over its mean
+    error: float  # standard deviation of a white image's light in A, over its mean; NaN: unknown
     samples: int | None = None  # rays from each wall point to each patch; None for A by areas
     across: int = 1  # wall points along each side of a pixel, that A is averaged over
+    is_given: bool = False  # whether A is a user's own
 
     @property
-    def by(self) -> By:
-        """The way to A."""
-        return "areas" if self.samples is None else "rays"
+    def by(self) -> str:
+        """The way to A: ``areas``, ``rays``, or ``file`` of a user's own."""
+        return "file" if self.is_given else "areas" if self.samples is None else "rays"
 
     @property
     def origin(self) -> dict[str, Any]:
         """The entries of a record on how A was made."""
         return {
-            "model": "analytic" if self.by == "areas" else "rendered",
+            "model": {"areas": "analytic", "rays": "rendered"}.get(self.by, self.by),
             "samples": self.samples,
             "pixel_samples": self.across**2,
-            "transport_error": self.error,
+            "transport_error": None if np.isnan(self.error) else self.error,
         }
 
     def transport(
-        self, scenario: Scenario, made: NDArray[np.float32] | None = None, **of_rays: Any
+        self, scenario: Geometry, made: NDArray[np.float32] | None = None, **of_rays: Any
     ) -> NDArray[np.float32]:
         """Compute A of direct light, (M, N), unless `planned` has made it.
 
@@ -100,29 +101,8 @@ class TransportPlan:
         return A
 
 
-def plan_transport(
-    scenario: Scenario,
-    noise: float = NOISE,
-    *,
-    by: By | None = None,
-    samples: int | None = None,
-    seed: int = 0,
-    budget: int | None = None,
-) -> TransportPlan:
-    """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
-
-    A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
-    a third of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
-    plan's error exceeds the noise where these are too few. `samples` asks for so many rays from the
-    centre of each pixel to each patch.
-    Errors and other parameters are those of `transport`; the seed is of the rays that measure the
-    error.
-    """
-    return planned(scenario, noise, by=by, samples=samples, seed=seed, budget=budget)[0]
-
-
 def planned(
-    scenario: Scenario,
+    scenario: Geometry,
     noise: float = NOISE,
     *,
     by: By | None = None,
@@ -130,12 +110,27 @@ def planned(
     seed: int = 0,
     budget: int | None = None,
 ) -> tuple[TransportPlan, NDArray[np.float32] | None]:
-    """Return the plan of `plan_transport`, and its A if the choice took all of it."""
-    if not noise >= 0:
-        raise InputError(f"the noise is {noise}; give a number from 0 on")
-    noise = max(noise, PRECISION)
+    """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
+
+    Return the plan, and its A if the choice took all of it.
+
+    A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
+    a third of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
+    plan's error exceeds the noise where these are too few. `samples` asks for so many rays from the
+    centre of each pixel to each patch. An infinite noise takes the quickest way, of unknown error.
+    Errors and other parameters are those of `transport`; the seed is of the rays that measure the
+    error.
+    """
+    checked_scene(scenario)
+    if by not in (None, *get_args(By)):
+        raise InputError(f"by is {by!r}: give one of {', '.join(get_args(By))}, or None")
+    noise = max(checked_number(noise, "noise", 0, np.inf), PRECISION)
+    seed = int(checked_number(seed, "seed", 0, whole=True))
     if by == "areas":
         ways_to(scenario)
+    if noise == np.inf:
+        is_closed = by == "areas" or (by is None and samples is None and has_areas(scenario))
+        return TransportPlan(np.nan, None if is_closed else samples or FEWEST), None
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
         try:
@@ -157,7 +152,7 @@ def planned(
 
 
 def _plan_areas(
-    scenario: Scenario, across: int, noise: float
+    scenario: Geometry, across: int, noise: float
 ) -> tuple[TransportPlan, NDArray[np.float32] | None]:
     """Return the fewest wall points in a pixel by which A by areas errs little.
 
@@ -169,7 +164,7 @@ def _plan_areas(
         """Return a white image's light in the drawn rows."""
         view = scenario.averaged(across).view
         used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
-        some = Scenario(view.of_pixels(used.reshape(view.shape)), hidden)
+        some = Geometry(view.of_pixels(used.reshape(view.shape)), hidden)
         return np.asarray(area_transport(some).sum(axis=1, dtype=np.float64))
 
     shapes = scenario.hidden.shapes
@@ -178,7 +173,7 @@ def _plan_areas(
     # Where white light bends, large patches show as well as small ones.
     rough = Hidden.of_scene(scenario.scene, few) if is_curved else scenario.hidden
     first, most = across, FINEST * across
-    A = area_transport(Scenario(scenario.averaged(across).view, rough))
+    A = area_transport(Geometry(scenario.averaged(across).view, rough))
     light = A.sum(axis=1, dtype=np.float64)
     mean = float(light.mean()) or 1.0
     bends = _bends(light / scenario.view.paint[:, 0], scenario.view)
@@ -231,7 +226,7 @@ def _bends(light: Array, view: View) -> Array:
     return np.asarray((down[:, 1:-1] + along[1:-1]).ravel())
 
 
-def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: int = 0) -> float:
+def transport_error(scenario: Geometry, samples: int, across: int = 1, *, seed: int = 0) -> float:
     """Measure the error of an A by rays: the root mean square over a white image's mean light.
 
     Rows of `PIXELS` pixels are compared with others by independent rays, averaged over the pixels'
@@ -250,8 +245,38 @@ def transport_error(scenario: Scenario, samples: int, across: int = 1, *, seed: 
     return float(np.sqrt(variance)) / light if light > 0 else 0.0
 
 
+def planned_for(
+    images: Array, scenario: Geometry, noise: float, *, samples: int | None = None, seed: int = 0
+) -> tuple[float, NDArray[np.float32]]:
+    """Return A, as fine as images' light, (K, N, C), needs, too, and the largest error of that.
+
+    The error is over the mean of an image's light, at 4 `PIXELS` pixels against rows of more wall
+    points or, by rays, as many others; it is a third of the noise at most, within the budgets.
+    Light of small bright details errs up to 8 times as much as white light (chair and plate).
+    """
+    plan, made = planned(scenario, noise, samples=samples, seed=seed)
+    rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[: 4 * PIXELS]
+    rows.sort()
+    first = points_across(scenario.photograph_shape)
+    while True:
+        A = plan.transport(scenario, made, seed=seed)
+        view = scenario.averaged(max(2 * plan.across, first)).view
+        used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
+        some = Geometry(view.of_pixels(used.reshape(view.shape)), scenario.hidden)
+        light = replace(plan, across=view.across).transport(some, seed=seed + 1) @ images
+        off = np.sqrt(np.mean((A[rows] @ images - light) ** 2, axis=(1, 2)))
+        error = float((off / (light.mean(axis=(1, 2)) + 1e-30)).max())
+        finer, made = replace(plan, across=2 * plan.across), None
+        if plan.samples is not None:
+            finer = replace(plan, samples=4 * plan.samples)
+        rays = (finer.samples or 0) * finer.across**2 * int(np.prod(scenario.transport_shape))
+        if samples or error <= SMALL * noise or finer.across > FINEST * first or rays > BUDGET:
+            return error, A
+        plan = finer
+
+
 def transport(
-    seen: Scenario | View,
+    seen: Geometry | View,
     hidden: Hidden | None = None,
     *,
     by: By | None = None,
@@ -293,11 +318,15 @@ def transport(
     VariantError
         If rays are needed in a scalar variant.
     """
-    if isinstance(seen, Scenario) == (hidden is not None):
-        raise TypeError("give a scenario, or a view and the hidden surfaces beside it")
-    if isinstance(seen, View):
-        assert hidden is not None
-        seen = Scenario(seen, hidden)
+    if bounces is not None:
+        checked_number(bounces, "bounces", DIRECT, whole=True)
+    if isinstance(seen, View) and hidden is not None:
+        seen, hidden = Geometry(seen, hidden), None
+    if hidden is not None or not isinstance(seen, Geometry):
+        raise InputError(
+            f"the scene is of type {type(seen).__name__}: give a scenario, which ps.load_scenario "
+            "returns, or a view and the hidden surfaces beside it"
+        )
     plan, A = planned(seen, noise, by=by, seed=seed)
     if plan.error > noise:
         remedy = "the camera or the hidden image fewer pixels"

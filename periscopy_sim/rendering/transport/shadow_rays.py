@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import SceneError
+from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_number
 from periscopy_sim.rendering.transport.kernel import Kernel, Strata
 from periscopy_sim.rendering.variant import LANES, dr, mi, require_vectorized
-from periscopy_sim.scenario import Scenario
 
 
 def render_transport(
-    scenario: Scenario,
+    scenario: Geometry,
     *,
     samples: int = 16,
     strata: Strata = "jittered",
@@ -31,7 +31,7 @@ def render_transport(
     Each patch is cut into as many strata as samples; one shadow ray goes from the wall point to
     each. Light that bounces is added by `add_bounces`.
 
-    A pixel is its centre, or the mean over the points of `Scenario.averaged`; the film's own
+    A pixel is its centre, or the mean over the points of `Geometry.averaged`; the film's own
     reconstruction filter is not used.
 
     Parameters
@@ -54,7 +54,7 @@ def render_transport(
     -------
     ndarray
         A, (M, N) float32, radiance sent to the camera for each unit of a patch's normal radiance.
-        Multiplied by the channel's `Scenario.channel_gain` where the wall is coloured.
+        Multiplied by the channel's `Geometry.channel_gain` where the wall is coloured.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def render_transport(
     return A
 
 
-def require_light(A: NDArray[np.float32], scenario: Scenario) -> None:
+def require_light(A: NDArray[np.float32], scenario: Geometry) -> None:
     """Check that every hidden surface lights a pixel beyond rounding; else raise a SceneError."""
     least = float(np.finfo(A.dtype).eps) * A.max(initial=0)
     for name, part in scenario.hidden.slices.items():
@@ -93,14 +93,13 @@ class RenderedTransport:
     the same samples. Parameters that `render_transport` rejects are a ValueError.
     """
 
-    scenario: Scenario
+    scenario: Geometry
     samples: int = 16
     strata: Strata = "jittered"
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.samples < 1:
-            raise ValueError(f"{self.samples} samples: give a positive number")
+        checked_number(self.samples, "samples", 1, whole=True)
         if self.strata not in get_args(Strata):
             raise ValueError(f"strata '{self.strata}' are not known; use one of {get_args(Strata)}")
         hidden, scene = self.scenario.hidden, self.scenario.scene

@@ -23,7 +23,7 @@ from ruamel.yaml.error import MarkedYAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.resolver import VersionedResolver
 
-from periscopy_sim.errors import ConfigurationError, did_you_mean, path_fault
+from periscopy_sim.errors import ConfigurationError, did_you_mean, in_words, path_fault
 from periscopy_sim.numerics.limits import read_regular, size_of
 
 MOST_LETTERS = 1 << 17
@@ -189,11 +189,11 @@ def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> D
     try:
         return model.model_validate({**entries, "folder": path.parent.resolve()})
     except ValidationError as error:
-        messages = [_located(document, each) + each["msg"] for each in error.errors()]
-        text = "; ".join(dict.fromkeys(messages)).replace("Value error, ", "")
-        raise ConfigurationError(
-            f"{path}: {text.replace('Field required', 'is missing')}"
-        ) from None
+        # A list whose entry is wrong is too short, too.
+        faults = error.errors()
+        faults = [each for each in faults if each["type"] != "too_short"] or faults
+        messages = [_located(document, each) + in_words(each["msg"]) for each in faults]
+        raise ConfigurationError(f"{path}: {'; '.join(dict.fromkeys(messages))}") from None
 
 
 def _located(node: Node | None, mistake: Any) -> str:

@@ -3,7 +3,7 @@ import pytest
 
 from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from tests.scenes.silhouette import HIDDEN
 
 

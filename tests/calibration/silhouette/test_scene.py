@@ -6,7 +6,7 @@ from periscopy_sim.calibration.silhouette.plane import MaskPlane
 from periscopy_sim.calibration.silhouette.scene import cell_mesh, write_masked_scene
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from tests.scenes.silhouette import FLAG, HIDDEN, SCENE, silhouette
 
 

@@ -87,7 +87,7 @@ def rivals(photograph, monkeypatch):  # noqa: ARG001
         images=(np.ones((6, 7, 3)),) * 3,
     )  # fmt: skip
     module = importlib.import_module("periscopy_sim.calibration.calibrate")
-    monkeypatch.setattr(module, "calibrate", lambda **_: found)
+    monkeypatch.setattr(module, "calibrate", lambda *_, **__: found)
 
 
 @pytest.mark.usefixtures("rivals")

@@ -4,7 +4,7 @@ from PIL import Image
 from periscopy_sim.figures.laboratory import projections
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 
 pytestmark = pytest.mark.usefixtures("jit")
 

@@ -13,7 +13,7 @@ from periscopy_sim.live.movable import find_movables
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.storage.formats.exr import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -46,8 +46,8 @@ def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):
 
 def pictures_of(photograph=None, **values):
     scenario = load_scenario("plate", (3, 4), {"resolution": "24"})
-    level = SizedLaboratory(scenario, None, photograph, is_coarse=False)
-    return level.pictures(Choice(values, "" if photograph else "mushroom"), lambda *_: None)
+    level = SizedLaboratory(scenario, photograph, is_coarse=False)
+    return level.fit(Choice(values, "" if photograph else "mushroom")).pictures()
 
 
 @pytest.mark.parametrize("method", ["noise-aware", "preconditioned"])
@@ -63,9 +63,9 @@ def test_the_page_fits_a_photograph_as_reconstruct_does(method, succeeds, tmp_pa
         "--method", method, "--out", "out",
     )  # fmt: skip
     wall = session.wall(tmp_path / "wall.npy")
-    level = SizedLaboratory(session.scenario, None, wall, is_coarse=False)
+    level = SizedLaboratory(session.scenario, wall, is_coarse=False)
     values = {each.name: each.value for each in find_movables(session.scenario)[0]}
-    pictures = level.pictures(Choice(values, "", method=method), lambda *_: None)
+    pictures = level.fit(Choice(values, "", method=method)).pictures()
     of_command = np.load(tmp_path / "out" / "reconstruction.npy")
     largest = of_command.max()
     np.testing.assert_allclose(pictures.image, of_command, atol=1e-4 * largest)

@@ -1,17 +1,21 @@
 """What the command says of scenes that do not fit, hardly show, or have no rank."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
-from periscopy_sim.cli.light import Light
+from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
+from periscopy_sim.judgement import remedies_of
 from periscopy_sim.model.residual import HELPS, Residual
 from periscopy_sim.reconstruction.method import Report
+from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.rendering.scene.document import read_document
 from periscopy_sim.rendering.transport.shadow_rays import require_light
 from periscopy_sim.scene import CALIBRATED
@@ -21,22 +25,27 @@ from tests.scenes.cards import HIDDEN, SIZES, write_cards
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 
+def with_remedies(session, residual, monitor_off=()):
+    """Return the report of a residual by the default method, with the remedies for it."""
+    report, fitted = Report(residual=residual), SimpleNamespace(name=DEFAULT, plan=None)
+    photograph = ps.Photograph.of(np.ones((2, 2, 1)), monitor_off=monitor_off)
+    return replace(report, remedies=remedies_of(session.scenario, report, fitted, photograph))
+
+
 @pytest.mark.parametrize(
-    ("explained", "options", "advice"),
+    ("explained", "monitor_off", "advice"),
     [
-        ({"numbers": 0.3, "paint": 0.2}, {}, " Run calibrate."),
-        ({"numbers": 0.0, "paint": 0.9}, {}, " Pass --monitor-off."),
-        ({"numbers": 0.3, "paint": 0.9}, {}, " Pass --monitor-off. Run calibrate."),
-        ({"numbers": 0.0, "paint": 0.9}, {"monitor_off": ["off.npy"]}, " Look at residual.png."),
-        ({}, {}, " Look at residual.png."),
+        ({"numbers": 0.3, "paint": 0.2}, (), " Run calibrate."),
+        ({"numbers": 0.0, "paint": 0.9}, (), " Pass --monitor-off."),
+        ({"numbers": 0.3, "paint": 0.9}, (), " Pass --monitor-off. Run calibrate."),
+        ({"numbers": 0.0, "paint": 0.9}, (np.ones((2, 2, 1)),), " Look at residual.png."),
+        ({}, (), " Look at residual.png."),
     ],
 )
-def test_a_remedy_is_named_only_if_it_explains_the_misfit(explained, options, advice):
-    session = PhotoSession("plate", ["3x4"], **options)
-    session.record |= {"transport_error": None, "model": "analytic"}
-    light = np.zeros((2, 2, 1))
+def test_a_remedy_is_named_only_if_it_explains_the_misfit(explained, monitor_off, advice):
+    session, light = PhotoSession("plate", ["3x4"]), np.zeros((2, 2, 1))
     residual = Residual(light, 0.02, 0.02, 0.001, 9.0, "does_not_fit", 1.0, explained)
-    line, colour = session.judge("y", Report(residual=residual))
+    line, colour = session.judge("y", with_remedies(session, residual, monitor_off))
     assert line.startswith("The scene does not fit") and colour == "red"
     assert all(part in line for part in advice.split(". "))
     assert line.count(".png") + line.count("calibrate") + line.count("--") == advice.count(". ") + 1
@@ -67,7 +76,7 @@ def test_a_doubted_calibration_is_a_part_of_the_only_verdict(tmp_path, errors_of
     write_copy(read_document(find_scene("chair")), given, tmp_path / "calibrated.xml")
     session = PhotoSession(str(tmp_path / "calibrated.xml"), ["3x4"])
     residual = Residual(np.zeros((2, 2, 1)), 0.001, 0.001, 0.001, 1.0, "fits", 0.0)
-    line, colour = session.judge("y", Report(residual=residual))
+    line, colour = session.judge("y", with_remedies(session, residual))
     assert line.startswith("The scene fits") and "not trusted" in line and colour == "red"
     assert [name for name in session.scenario.document.defaults if name in line] == names
     assert session.warnings == [f"y: {line}"] and "warning" not in capfd.readouterr().err
@@ -86,16 +95,26 @@ def test_surface_whose_light_is_below_the_noise_is_warned_of(tmp_path, capfd):
     A = ps.transport(session.scenario)
     A[:, session.scenario.hidden.slices["hidden_card"]] *= 1e-3
     np.save(tmp_path / "A.npy", A)
-    session.transport(Light(), 1e-2, matrix=tmp_path / "A.npy")
+    session.transport(session.lit(LightOptions(), tmp_path / "A.npy"), 1e-2)
     assert "hardly shows hidden_card: " in capfd.readouterr().err
     assert "hardly shows monitor" not in " ".join(session.warnings)
+
+
+def test_file_of_a_matrix_that_cannot_be_fitted_is_named(periscopy, tmp_path):
+    np.save(tmp_path / "y.npy", np.random.default_rng(0).random((24, 24, 3)) + 1)
+    np.save(tmp_path / "A.npy", np.ones((576, 20), np.float32))
+    outcome = periscopy(
+        "reconstruct", "y.npy", "--scene", "chair", "-D", "resolution=24", "--hidden", "4x5",
+        "--transport", "A.npy", "--method", "preconditioned", "--out", "out",
+    )  # fmt: skip
+    assert outcome.code == 2 and "error: A.npy: " in outcome.err
 
 
 def test_glossy_surface_is_named(tmp_path, capfd):
     path = write_cards(tmp_path)
     bsdf = '<bsdf type="twosided"><bsdf type="roughconductor"/></bsdf></shape>\n</scene>'
     path.write_text(path.read_text().replace("</shape>\n</scene>", bsdf))
-    PhotoSession(str(path), HIDDEN[1::2]).check_lights()
+    PhotoSession(str(path), HIDDEN[1::2]).check_scene()
     assert "hidden_card (roughconductor)" in capfd.readouterr().err
 
 

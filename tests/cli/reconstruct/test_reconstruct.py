@@ -8,7 +8,6 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.cli.light import Light
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -113,7 +112,7 @@ def test_impossible_option_is_refused(options, offender, refused, tiny, tmp_path
 
 
 def test_method_that_knows_one_size_is_refused_before_anything_is_rendered(refused, monkeypatch):
-    monkeypatch.setattr(Light, "transport", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr(ps.Scenario, "transport", lambda *_, **__: pytest.fail("rendered"))
     Path("y.exr").touch()
     line = refused("reconstruct", "y.exr", "--scene", "chair", "-D", "resolution=24", "--hidden",
                    "4x5", "--method", "unrolled", "--out", "out")  # fmt: skip

@@ -1,12 +1,14 @@
 import pytest
 
-from periscopy_sim.cli.study.axes import check_numbers, parse_ambient, parse_axes, parse_values
+from periscopy_sim.cli.study.axes import parse_axes, parse_values
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.evaluation.study import conditions_of
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC
 
 
 def ratios_of(text):
-    return check_numbers("ratio", "--sbr", parse_values(text, "--sbr"))
+    return checked("sbr", parse_values(text, "sbr"), "ratio")
 
 
 def test_axes_are_numbers_or_words_each_named_once():
@@ -45,21 +47,23 @@ def test_ratios_are_read(text, ratios):
     ],
 )
 def test_malformed_ratios_are_refused(text):
-    with pytest.raises(PeriscopyError, match="--sbr"):
+    with pytest.raises(PeriscopyError, match="sbr"):
         ratios_of(text)
 
 
 def test_groups_and_folders_of_ambient_light(tmp_path, monkeypatch):
-    assert list(parse_ambient("adversarial,all")) == [*ADVERSARIAL, *REALISTIC]
+    assert list(conditions_of(["adversarial", "all"])) == [*ADVERSARIAL, *REALISTIC]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "lights").mkdir()
     for name in ("b.exr", "a.exr", "notes.txt"):
         (tmp_path / "lights" / name).touch()
-    found = {name: str(path) for name, path in parse_ambient("lights,snow,more/c.exr").items()}
+    found = {
+        name: str(path) for name, path in conditions_of(["lights", "snow", "more/c.exr"]).items()
+    }
     assert found == {"a": "lights/a.exr", "b": "lights/b.exr", "snow": "None", "c": "more/c.exr"}
 
 
 @pytest.mark.parametrize("text", ["sofa", "snow,adversarial"])
 def test_unknown_or_doubled_ambient_light_is_refused(text):
     with pytest.raises(PeriscopyError, match=text.split(",")[-1]):
-        parse_ambient(text)
+        conditions_of(text.split(","))

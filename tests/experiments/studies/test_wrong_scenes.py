@@ -6,9 +6,6 @@ import pytest
 import periscopy_sim as ps
 from experiments.studies.wrong_scenes import __main__ as wrong_scenes
 from experiments.studies.wrong_scenes import plain_scenes, subjects
-from periscopy_sim.cli import app
-from periscopy_sim.evaluation.sweep_store import read_sweep
-from periscopy_sim.storage.formats.exr import write_exr
 
 MEASURED = ("occluder_dx", "occluder_dz", "monitor_dx", "plate_width")
 
@@ -18,14 +15,12 @@ def plate(tmp_path_factory):
     """A small plate, lit by its closed form rather than path traced, before a far lamp."""
     known = subjects.subjects(tmp_path_factory.mktemp("scenes"))["plate"]
     exact = dict.fromkeys((f"{name}_error" for name in known.errors if name not in MEASURED), "0")
-    subject = replace(known, hidden=(6, 8), parameters={"resolution": "24", **exact})
+    subject = replace(known, hidden=(6, 8), place="lamp", parameters={"resolution": "24", **exact})
     scene = subject.at()
     truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
     signal = (ps.analytic_transport(scene) @ truth.reshape(-1, 3)).reshape(24, 24, 3)
     lamp = ps.point_light_backgrounds(scene)[:, 100].reshape(24, 24, 1) * np.ones(3)
-    folder = tmp_path_factory.mktemp("light")
-    files = folder / "signal.exr", folder / "lamp.exr"
-    return subjects.Photographed(subject, truth, signal * scene.channel_gain, lamp, *files)
+    return subjects.Photographed(subject, truth, signal * scene.channel_gain, lamp)
 
 
 def test_the_ruler_errs_as_the_scene_declares():
@@ -45,11 +40,10 @@ def test_the_ruler_errs_as_the_scene_declares():
 def test_a_study_compares_the_true_the_ruler_s_and_the_calibrated_scene(plate, tmp_path):
     scene = dict.fromkeys((f"{n}_error" for n in MEASURED[1:]), "0")
     subject = replace(plate.subject, parameters={**plate.subject.parameters, **scene})
-    for file, light in ((plate.signal_file, plate.signal), (plate.ambient_file, plate.ambient)):
-        write_exr(file, light, {})
-    words = wrong_scenes.study(replace(plate, subject=subject), "5", draws=1)
-    app([*words, "--out", str(tmp_path / "out")], standalone_mode=False)
-    (row,) = wrong_scenes.rows_of("plate", read_sweep(tmp_path / "out/sweep.zarr"))
+    taken = replace(plate, subject=subject)
+    results = wrong_scenes.study(taken, [5.0], draws=1, out=tmp_path / "out")
+    (row,) = wrong_scenes.rows_of("plate", results)
+    print(row)
     _, name, sbr, draws, ruler, calibrated, *_ = (each.strip() for each in row.split("|"))
     assert (name, sbr, draws) == ("plate", "5", "1")
     assert float(ruler) > 1 > 2 * abs(float(calibrated))

@@ -6,9 +6,9 @@ from matplotlib.colors import to_rgba
 from scipy.interpolate import RegularGridInterpolator
 
 from periscopy_sim.figures.laboratory.geometry import RoomPlan, facts, turn_and_tilt
-from periscopy_sim.figures.laboratory.projections import LINES, VIEWED, laboratory_figure
+from periscopy_sim.figures.laboratory.projections import LINES, VIEWED, draw
 from periscopy_sim.figures.style import NO_BREAK, PAGE
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import find_scene
 
 TITLES = ("the wall as the camera faces it", "from the side", "plan")
@@ -21,7 +21,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def figure(scenario):
-    return laboratory_figure(scenario)
+    return draw(scenario)
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_tables_and_rooms_are_ground_and_what_is_out_of_sight_has_no_label(tmp_p
     layout = RoomPlan(furnished)
     names = [[s.name for s in layout.standing(panel)] for panel in ((0, 1), (1, 2))]
     assert names == [["plant", "pedestal", "far"], ["plant", "pedestal", "table", "far"]]
-    figure = laboratory_figure(furnished)
+    figure = draw(furnished)
     labels = [{text.get_text() for text in ax.texts} for ax in figure.axes]
     assert "table" in labels[1] and "table" not in labels[2]
     assert not any("far" in each for each in labels)
@@ -167,7 +167,7 @@ def test_wall_that_lies_is_drawn_as_the_plan_with_up_upwards():
     scenario = load_scenario("doorway", (6, 8), photograph=(12, 12))
     layout = RoomPlan(scenario)
     assert (layout.axes, layout.signs, layout.wall) == ((0, 1, 2), [1, -1, 1], (0, 1))
-    figure = laboratory_figure(scenario)
+    figure = draw(scenario)
     found = {ax.get_title(): ax for ax in figure.axes}
     assert list(found) == ["from the front", "from the side", TITLES[0], "in space"]
     wall = found[TITLES[0]]
@@ -201,7 +201,7 @@ def test_every_hidden_surface_is_drawn_and_named(tmp_path):
     lines = facts(RoomPlan(two))
     assert "Monitor: 40.2 cm x 30.6 cm, 1.03 m from the wall, turned 0°, tilted 0° from" in lines[1]
     assert lines[2].startswith("hidden_card: 10 cm x 20 cm, 73 cm from the wall")
-    for ax in laboratory_figure(two).axes:
+    for ax in draw(two).axes:
         assert {"monitor", "hidden_card"} <= {label.get_text() for label in ax.texts}
     corners = RoomPlan(two).survey.corners["hidden_card"]
     assert corners.shape == (3, 3, 3)

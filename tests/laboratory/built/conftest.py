@@ -1,7 +1,7 @@
 import pytest
 
 from periscopy_sim.laboratory.build import build_laboratory
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 from tests.scenes.laboratory import HIDDEN
 
 

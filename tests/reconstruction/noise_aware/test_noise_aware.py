@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from periscopy_sim.model.ambient_lines import AmbientLines
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.photograph import ColourMatrix, Photograph
@@ -268,6 +269,6 @@ def test_default_corrections_are_those_that_the_photographs_allow():
     known, dark = {"photograph_shape": PHOTOGRAPH}, Photograph.of(SIGNAL, monitor_off=[SIGNAL])
     assert kinds() == []
     masked = Photograph.of(SIGNAL, mask=np.ones(PHOTOGRAPH, bool))
-    assert kinds(**known) == kinds(masked) == [WallGain]
-    assert kinds(dark) == [Paint, WallGain] and kinds(dark, None) == [WallGain]
+    assert kinds(**known) == kinds(masked) == kinds(dark, None) == [AmbientLines, WallGain]
+    assert kinds(dark) == [Paint, AmbientLines, WallGain]
     assert kinds(**known, corrections=()) == []

@@ -84,5 +84,5 @@ def test_flat_frames_cannot_be_coupled():
 
 def test_temporal_weights_are_finite_and_not_negative(periscope):
     for weight in (-1, np.inf):
-        with pytest.raises(ValueError, match="finite number, not negative"):
+        with pytest.raises(ValueError, match="give a finite number from 0"):
             Video(periscope, temporal_weight=weight)

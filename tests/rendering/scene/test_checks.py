@@ -12,8 +12,8 @@ import pytest
 from experiments.setting import render_place
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.ambient.background import render_background
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.scenario import load_scenario
 
 FOG = (
     '<medium type="homogeneous" name="{}"><float name="sigma_t" value="2"/>'

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.scene import EmissionProfile
 from periscopy_sim.shipped import find_scene
 

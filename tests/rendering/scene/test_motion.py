@@ -8,8 +8,8 @@ import pytest
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import find_scene
 
 ARRAYS = {"view": "points normals corners channel_gain", "hidden": "centers normals across up"}

@@ -7,11 +7,10 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.rendering.ambient.background import render_background
 from periscopy_sim.rendering.scene import load
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport.bounced import render_bounced_light
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import mi
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.shipped import find_scene
 from tests.scenes.materials import bitmap, checkered, diffuse
 

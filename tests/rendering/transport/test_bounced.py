@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.load import load_scenario
 from periscopy_sim.rendering.transport import bounced
 from periscopy_sim.rendering.transport.bounced import add_bounces, render_bounced_light
 from periscopy_sim.rendering.transport.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import dr
+from periscopy_sim.scenario import load_scenario
 from tests.scenes.materials import GLOSSY, SLOPE, painted, write_files
 from tests.scenes.room import Room
 

@@ -7,7 +7,11 @@ import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.rendering.transport import plan as planning
-from periscopy_sim.rendering.transport.plan import plan_transport
+from periscopy_sim.rendering.transport.plan import planned
+
+
+def plan_transport(*scene, **settings):
+    return planned(*scene, **settings)[0]
 
 
 @pytest.mark.parametrize(("noise", "samples"), [(0.01, 256), (0.002, None)])
@@ -65,7 +69,7 @@ def test_rays_take_no_surfaces_that_the_scene_has_elsewhere(shipped):
     moved = scene.hidden.moved({"monitor": np.eye(4) + 0.1 * np.eye(4, k=3)})
     with pytest.raises(ValueError, match="areas"):
         ps.transport(scene.view, moved, by="rays")
-    with pytest.raises(TypeError, match="beside"):
+    with pytest.raises(ValueError, match="beside"):
         ps.transport(scene, moved)
 
 

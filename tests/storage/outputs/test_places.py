@@ -30,7 +30,7 @@ CONFIGURATION = Configuration.model_validate(
         "scenes": [{"scene": "chair", "parameters": {"resolution": 16}}],
         "hidden_images": [{"kind": "shapes"}],
         "ambient": [{"kind": "lamps"}],
-        "light": {"kind": "direct", "samples": 4},
+        "light": {"kind": "direct"},
     }
 )
 

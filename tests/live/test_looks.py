@@ -1,30 +1,27 @@
 from base64 import b64decode
+from dataclasses import replace
 from io import BytesIO
-from types import SimpleNamespace
 
 import numpy as np
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.live.panels import as_source, hidden_pixels, panels_of
+from periscopy_sim.live.looks import (
+    as_source,
+    hidden_pixels,
+    images_in,
+    mesh_of,
+    panels_of,
+    photograph_pixels,
+    room_of,
+)
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
-from periscopy_sim.live.room import images_in, occluders_in, pixel_corners, room_of
+from periscopy_sim.photograph import Photograph
 from tests.scenes.cards import SIZES, write_cards
 
 
-def test_photograph_covers_what_its_pixels_see():
-    """Corners in the middle of four centres, and at the border half a pixel beyond them."""
-    v, u = np.mgrid[0:20, 0:30] / 19 - 0.5
-    local = np.stack([u * (1 + 0.5 * v), 0 * u, -v], axis=-1)  # a trapezoid of the wall
-    corners = pixel_corners(SimpleNamespace(centers=local.reshape(-1, 3), shape=(20, 30)))
-    assert corners.shape == (21, 31, 3)
-    inner = (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 4
-    np.testing.assert_allclose(inner, local, atol=1e-9)
-    np.testing.assert_allclose(corners[[0, -1], :, 2].T, [[0.5 + 0.5 / 19, -0.5 - 0.5 / 19]] * 31)
-
-
 def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
-    pictures = level().pictures(choice, lambda *_: None)
+    pictures = level().fit(choice).pictures()
     scene, things = pictures.scenario, images_in(pictures)
     grid = np.array(things["hidden"][0]["grid"])
     corners = grid[[-1, -1, 0, 0], [0, -1, 0, -1]]
@@ -37,9 +34,8 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
         scene.view.centers.mean(axis=0),
         atol=0.01,
     )
-    for shown, occluder in zip(
-        occluders_in(pictures)["occluders"], scene.scene.occluders, strict=True
-    ):
+    for occluder in scene.scene.occluders:
+        shown = mesh_of(occluder)
         vertices = np.reshape(shown["vertices"], (-1, 3))
         np.testing.assert_allclose(vertices, occluder.vertices, atol=1e-5)
         assert max(shown["faces"]) == len(vertices) - 1
@@ -47,7 +43,7 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
 
 def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
     scene = ps.load_scenario(write_cards(tmp_path), SIZES)
-    pictures = SizedLaboratory(scene, is_coarse=True).pictures(Choice({}, "bars"), lambda *_: None)
+    pictures = SizedLaboratory(scene, is_coarse=True).fit(Choice({}, "bars")).pictures()
     assert {name: image.shape[:2] for name, image in pictures.image.items()} == SIZES
     assert pictures.psnr > 20
     things = images_in(pictures)["hidden"]
@@ -73,3 +69,26 @@ def test_a_source_holds_the_image():
     kind, _, text = as_source(pixels).partition(",")
     assert kind == "data:image/png;base64"
     np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(b64decode(text)))), pixels)
+
+
+def test_every_picture_has_a_panel_and_false_colours_a_scale(level, choice):
+    pictures = level().fit(choice).pictures()
+    panels = panels_of(pictures)
+    assert [len(each.pictures[0]) for each in panels] == [24, 6, 6, 6]
+    assert f"{pictures.psnr:.1f} dB" in panels[1].caption
+    assert panels[3].scale[2].partition(" of")[0] in panels[3].caption
+    assert panels[3].look()["scale"]["colours"][0].startswith("#00000")  # magma's darkest
+    without = replace(pictures, report=replace(pictures.report, standard_errors=None))
+    assert not panels_of(without)[3].pictures
+    assert len(panels_of(replace(pictures, frame=0))) == 3
+
+
+def test_residual_takes_the_place_of_what_nobody_knows(level, choice):
+    values = level().fit(choice).pictures().photograph.values
+    used = np.ones((24, 24), bool)
+    used[:6] = False
+    pictures = level(photograph=Photograph(values, used)).fit(replace(choice, image="")).pictures()
+    for shown in photograph_pixels(pictures), panels_of(pictures)[2].pictures[0]:
+        np.testing.assert_array_equal(shown[..., 3], 255 * used)  # the page hatches the rest
+    assert hidden_pixels(pictures)["monitor"].shape == (6, 8, 3)  # the reconstruction
+    assert "Unexplained" in panels_of(pictures)[2].caption

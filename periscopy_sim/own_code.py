@@ -1,9 +1,10 @@
 """A user's own methods and cameras, as ``module:callable`` or ``path/to/file.py:callable``."""
 
+import inspect
 import runpy
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
@@ -17,7 +18,7 @@ from periscopy_sim.errors import PeriscopyError
 OwnError = (Exception, SystemExit)
 """Errors of a user's code that end nothing else; `sys.exit` in it is such an error."""
 
-PACKAGE = Path(__file__).parents[1]
+PACKAGE = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,13 @@ class OwnCode:
                 return vars(import_module(self.place))
         finally:
             sys.path.remove(str(path.parent))
+
+
+def place_of(function: Callable[..., Any]) -> str:
+    """Return the file and the first line of a function, in brackets; empty where it has none."""
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    code = code or getattr(type(function).__call__, "__code__", None)
+    return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 import time
 from functools import partial
 from threading import Event
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,17 +10,14 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.live import pictures as live_pictures
-from periscopy_sim.live import preparation, stream
+from periscopy_sim.live import preparation
+from periscopy_sim.live import watch as live_watch
 from periscopy_sim.live.frames import open_source
-from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.preparation import TAKEN, Companions
-from periscopy_sim.live.session import LiveSession
-from periscopy_sim.live.stream import Stream
-from periscopy_sim.photograph import ColourMatrix
+from periscopy_sim.live.watch import WatchSession
 from periscopy_sim.photographs import prepare
 from periscopy_sim.photographs.marks import WallTags
-from periscopy_sim.rendering.scene.load import load_scenario
+from periscopy_sim.scenario import load_scenario
 
 pytest.importorskip("websockets")
 PATIENCE = 240.0
@@ -58,21 +54,21 @@ class Watched:
         self.image = ps.read_hidden_image(ps.find_image("mushroom"), (6, 8))
         self.camera = Camera(self.scenario, self.image)
         self.shown, self.said, self.saved = [], [], []
-        self.stream = Stream(
-            open_source(self.camera, linear=True), self.scenario, None, 20, self.said.append
-        )
-        self.session = LiveSession(
-            self.scenario, Choice({}, ""), (), ("noise-aware", "preconditioned"), self.save,
-            lambda _: [], stream=self.stream, record=lambda *each: self.shown.append(each),
+        self.session = WatchSession(
+            open_source(self.camera, linear=True), self.scenario, "noise-aware", self.save,
+            self.describe, count=20, say=self.said.append,
+            record=lambda *each: self.shown.append(each),
         )  # fmt: skip
-        self.page = self.session.page
+
+    def describe(self, report):
+        return [report.verdict.code]
 
     def save(self, pictures):
         self.saved.append(pictures)
         return "saved"
 
     def press(self, name, value=True):
-        self.page._receive({"control": name, "value": value})
+        self.session._receive({"control": name, "value": value})
 
     def until(self, holds):
         """Wait for pictures of full size that come from now on, or for something else."""
@@ -93,71 +89,6 @@ def watched():
         yield made
 
 
-@pytest.mark.parametrize("channels", [3, 4])
-def test_the_method_is_formed_before_the_first_frame(level, choice, monkeypatch, channels):
-    fit, fitted = live_pictures.fit_method, []
-    monkeypatch.setattr(
-        live_pictures, "fit_method", lambda *given: fitted.append(fit(*given)) or fitted[-1]
-    )
-    frames = [np.random.default_rng(0).integers(8000, 9000, (24, 24, channels), np.uint16), None]
-    matrix = None if channels == 3 else ColourMatrix(np.eye(4, 3) + np.eye(4, 3, -1))
-    stream = Stream(
-        open_source(lambda: frames.pop(0), linear=True),
-        level().scenario,
-        Companions(colour_matrix=matrix),
-    )
-    laboratory = level()
-    with pytest.raises(PeriscopyError, match="waiting"):
-        stream.form(laboratory, choice, lambda *_: None)
-    assert len(fitted) == 1
-    stream.start()
-    end = time.monotonic() + PATIENCE
-    while stream.wall is None and time.monotonic() < end:
-        time.sleep(0.01)
-    formed = stream.form(laboratory, choice, lambda *_: None)
-    stream.stop()
-    assert formed.method is fitted[0] and len(fitted) == 1
-
-
-def test_a_full_method_stays_until_a_new_one_comes_or_fails(level):
-    random, shown = np.random.default_rng(0), []
-
-    def camera():
-        time.sleep(0.01)
-        return random.integers(20000, 21000, (24, 24, 3)).astype(np.uint16)
-
-    def formed(name, is_coarse, choice="as it is"):
-        return SimpleNamespace(see=lambda *_: name, is_coarse=is_coarse, choice=choice)
-
-    def is_shown(name):
-        end, count = time.monotonic() + PATIENCE / 10, len(shown)
-        while len(shown) < count + 3 and time.monotonic() < end:
-            time.sleep(0.01)
-        return shown[-1] == name
-
-    def fail(*_):
-        raise PeriscopyError("no method")
-
-    stream = Stream(open_source(camera, linear=True), level().scenario)
-    stream.show = lambda pictures, *_: shown.append(pictures)
-    stream.start()
-    try:
-        for name, is_coarse, expected in (
-            ("coarse", True, "coarse"), ("next coarse", True, "next coarse"),
-            ("full", False, "full"), ("last coarse", True, "full"),
-        ):  # fmt: skip
-            stream.use(formed(name, is_coarse))
-            assert is_shown(expected)
-        with pytest.raises(PeriscopyError, match="no method"):
-            stream.form(SimpleNamespace(is_coarse=False, form=fail), "as it is", fail)
-        assert is_shown("last coarse")
-        stream.use(formed("full", False))
-        stream.use(formed("moved", True, "moved"))
-        assert is_shown("moved")
-    finally:
-        stream.stop()
-
-
 def test_frames_are_averaged_until_the_picture_is_sharp(watched):
     pictures, progress = watched.until(lambda _, progress: progress.averaged > 19)
     assert ps.psnr_gain_matched(pictures.image, watched.image) > 25
@@ -166,7 +97,7 @@ def test_frames_are_averaged_until_the_picture_is_sharp(watched):
     assert progress.noise_left == pytest.approx(NOISE / level / np.sqrt(20), rel=0.3)
     residual = pictures.report.residual
     assert residual.unexplained < 2 * residual.noise_alone
-    status = watched.page.gate._state["status"][1]
+    status = watched.session.gate._state["status"][1]
     assert "frames a second, latency" in status and "average of" in status
 
 
@@ -180,9 +111,9 @@ def test_a_scene_that_moves_is_reconstructed_anew_while_frames_come(watched):
     watched.press("undo")
     back = watched.until(lambda each, _: each.choice.values["occluder_dx"] == 0)[0]
     assert ps.psnr_gain_matched(back.image, watched.image) > psnrs[0] - 4
-    rejected = watched.page.choice
+    rejected = watched.session.choice
     watched.press("undo")  # nothing is left to undo
-    assert watched.page.choice == rejected
+    assert watched.session.choice == rejected
 
 
 def test_pixels_that_saturate_leave_full_pictures_as_good(watched):
@@ -222,11 +153,11 @@ def test_frames_of_another_size_are_prepared_anew_or_named(watched):
 def test_the_average_becomes_the_photograph_with_the_monitor_off(watched):
     watched.camera.is_on = False
     watched.press("average", 5.0)
-    assert watched.stream.count == 5
+    assert watched.session.count == 5
     count = len(watched.shown)
     watched.until(lambda *_: len(watched.shown) > count + 40)
     watched.press("monitor off")
-    off = watched.stream.wall.monitor_off
+    off = watched.session.photograph().monitor_off
     np.testing.assert_allclose(off[TAKEN] / 2**16, watched.camera.ambient, atol=0.01)
     watched.camera.is_on = True
     watched.until(lambda each, _: ps.psnr_gain_matched(each.image, watched.image) > 25)
@@ -238,16 +169,14 @@ class Brief:
     def __init__(self, function, companions=None, method="noise-aware"):
         scenario = load_scenario("plate", (6, 8), {"resolution": 24})
         self.shown, self.said = [], []
-        source = open_source(function, linear=True)
-        self.stream = Stream(source, scenario, companions, 20, self.said.append)
-        self.session = LiveSession(
-            scenario, Choice({}, "", method=method), (), ("noise-aware", "preconditioned"),
-            lambda _: "", lambda _: [], stream=self.stream,
+        self.session = WatchSession(
+            open_source(function, linear=True), scenario, method, lambda _: "", lambda _: [],
+            companions=companions, count=20, say=self.said.append,
             record=lambda *each: self.shown.append(each),
         )  # fmt: skip
 
     def press(self, name, value=True):
-        self.session.page._receive({"control": name, "value": value})
+        self.session._receive({"control": name, "value": value})
 
     def until(self, holds):
         end = time.monotonic() + PATIENCE / 4
@@ -271,12 +200,12 @@ def test_a_single_frame_is_shown_in_full_and_again_after_each_change(monkeypatch
     brief = Brief(frames().__next__)
     with brief.session, live.running(brief.session):
         brief.until(lambda: brief.shown and not brief.shown[-1][0].is_coarse)
-        status = brief.session.page.gate._state
+        status = brief.session.gate._state
         brief.until(lambda: "one frame, whose noise" in status["status"][1])
         assert "waiting" not in status["status"][1]
-        brief.stream.report("the folder is gone")
+        brief.session.report("the folder is gone")
         assert "latency" in status["status"][1] and "the folder is gone" in status["status"][1]
-        monkeypatch.setattr(brief.stream, "_expires", 0.0)  # as some seconds later
+        monkeypatch.setattr(brief.session, "_expires", 0.0)  # as some seconds later
         brief.press("value occluder_dx", 0.02)
         brief.until(
             lambda: any(
@@ -287,19 +216,19 @@ def test_a_single_frame_is_shown_in_full_and_again_after_each_change(monkeypatch
         brief.until(lambda: "gone" not in status["status"][1])
         ended.set()
     assert {progress.frame for _, progress in brief.shown} == {0}
-    assert brief.stream.shown == 1 and brief.stream.dropped == 0
+    assert brief.session.shown == 1 and brief.session.dropped == 0
 
 
 def test_the_frames_are_prepared_at_a_later_try(monkeypatch):
     tries = []
 
-    def film_areas(*each):
+    def film_pixels(*each):
         tries.append(each)
         if len(tries) == 1:
             raise PhotographError("no tag is visible")
-        return prepare.film_areas(*each)
+        return prepare.FilmPixels(*each)
 
-    monkeypatch.setattr(preparation, "film_areas", film_areas)
+    monkeypatch.setattr(preparation, "FilmPixels", film_pixels)
     brief = Brief(lambda: time.sleep(0.01) or WALL)
     with brief.session, live.running(brief.session):
         brief.until(lambda: brief.shown)
@@ -313,18 +242,17 @@ def test_frames_whose_size_is_wrong_end_the_session_unless_tags_may_appear(has_t
     else:
         brief = Brief(lambda: time.sleep(0.01) or WALL[:-1])
     with brief.session, live.running(brief.session):
-        assert brief.stream.ended.wait(1.0 if has_tags else PATIENCE / 4) is not has_tags
-    assert isinstance(brief.stream.fault, PhotographError) is not has_tags
+        assert brief.session.ended.wait(1.0 if has_tags else PATIENCE / 4) is not has_tags
+    assert isinstance(brief.session.fault, PhotographError) is not has_tags
     assert not brief.shown
 
 
 def test_a_right_and_a_wrong_scene_are_judged_by_the_average(monkeypatch):
-    monkeypatch.setattr(stream, "JUDGED", 0.1)
+    monkeypatch.setattr(live_watch, "JUDGED", 0.1)
     watched = Watched()
-    watched.stream.describe = lambda report: [report.verdict.code]
 
     def is_judged(code):
-        return code in watched.page.gate._state.get("status", [0, []])[1]
+        return code in watched.session.gate._state.get("status", [0, []])[1]
 
     with watched.session, live.running(watched.session):
         for shift, code in (0.0, "fits"), (0.03, "does_not_fit"):
@@ -333,8 +261,8 @@ def test_a_right_and_a_wrong_scene_are_judged_by_the_average(monkeypatch):
 
 
 def test_what_no_frame_could_be_shown_for_stays_on_the_page(monkeypatch):
-    monkeypatch.setattr(stream, "JUDGED", 0.05)
-    monkeypatch.setattr(stream, "REPEATS", 0.1)
+    monkeypatch.setattr(live_watch, "JUDGED", 0.05)
+    monkeypatch.setattr(live_watch, "NEWS", 0.1)
     ended = Event()
 
     def frames():
@@ -346,7 +274,7 @@ def test_what_no_frame_could_be_shown_for_stays_on_the_page(monkeypatch):
     with brief.session, live.running(brief.session):
         brief.until(lambda: any("tag" in line for line in brief.said))
         time.sleep(1.0)
-        assert "tag" in brief.session.page.gate._state["trouble"][1]
+        assert "tag" in brief.session.gate._state["trouble"][1]
         ended.set()
     assert not brief.shown
 
@@ -364,8 +292,8 @@ def test_a_camera_that_ends_without_a_method_ends_the_session(is_early):
 
     brief = Brief(frames().__next__, Companions(mask=mask))
     with brief.session, live.running(brief.session):
-        assert brief.stream.ended.wait(PATIENCE / 4)
-    assert not brief.shown and isinstance(brief.stream.fault, PeriscopyError)
+        assert brief.session.ended.wait(PATIENCE / 4)
+    assert not brief.shown and isinstance(brief.session.fault, PeriscopyError)
 
 
 def test_what_cannot_be_watched_is_refused_at_once():
@@ -391,7 +319,7 @@ def test_the_last_average_is_shown_in_full_size_and_an_error_is_raised(ends_by, 
     scenario = load_scenario("plate", (6, 8), {"resolution": 24})
     watch = partial(ps.watch, camera, scenario, linear=True, record=record, port=0)
     if ends_by == "error":
-        with pytest.raises(PeriscopyError, match=r"camera' failed: IndexError.*test_stream.py"):
+        with pytest.raises(PeriscopyError, match=r"camera' failed: IndexError.*test_watch.py"):
             watch()
     else:
         watch()
@@ -400,7 +328,7 @@ def test_the_last_average_is_shown_in_full_size_and_an_error_is_raised(ends_by, 
 
 
 def test_a_defect_of_the_stream_is_raised(monkeypatch):
-    monkeypatch.setattr(stream.PreparedFrames, "add", lambda *_: {}["defect"])
+    monkeypatch.setattr(preparation.RunningAverage, "add", lambda *_: {}["defect"])
     with pytest.raises(KeyError, match="defect"):
         ps.watch(
             lambda: time.sleep(0.01) or WALL,
@@ -414,14 +342,14 @@ def test_frames_of_other_channels_are_left_out_whatever_their_size():
     frames = iter([WALL, WALL[..., :1], WALL[::2, ::2, :1], None])
     brief = Brief(lambda: time.sleep(0.2) or next(frames))
     with brief.session, live.running(brief.session):
-        assert brief.stream.ended.wait(PATIENCE / 4)
-    assert brief.stream.fault is None and brief.shown[-1][0].photograph.channels == 3
+        assert brief.session.ended.wait(PATIENCE / 4)
+    assert brief.session.fault is None and brief.shown[-1][0].photograph.channels == 3
     assert sum("1 channels" in line for line in brief.said) == 1
 
 
 def test_the_monitor_off_frame_is_taken_between_two_frames(monkeypatch):
     """Pressed at any moment: the average is that of whole frames, and no press is lost."""
-    begun, add = Event(), preparation.PreparedFrames.add
+    begun, add = Event(), preparation.RunningAverage.add
 
     def slow_add(frames, frame, count=1):
         begun.set()
@@ -433,9 +361,9 @@ def test_the_monitor_off_frame_is_taken_between_two_frames(monkeypatch):
     brief = Brief(lambda: time.sleep(0.01) or WALL)
     with brief.session, live.running(brief.session):
         brief.until(lambda: brief.shown)
-        monkeypatch.setattr(preparation.PreparedFrames, "add", slow_add)
+        monkeypatch.setattr(preparation.RunningAverage, "add", slow_add)
         begun.clear()
         assert begun.wait(PATIENCE / 4)
         brief.press("monitor off")
-        assert brief.stream.has_monitor_off
-        np.testing.assert_allclose(brief.stream.wall.monitor_off[TAKEN], WALL)
+        assert brief.session.has_monitor_off
+        np.testing.assert_allclose(brief.session.photograph().monitor_off[TAKEN], WALL)

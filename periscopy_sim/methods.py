@@ -5,9 +5,10 @@ import inspect
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from time import thread_time
 from typing import Any, NamedTuple
 
@@ -15,39 +16,33 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from periscopy_sim import own_code
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.evaluation import own_code
-from periscopy_sim.evaluation.own_code import OwnCode
 from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
-from periscopy_sim.numerics import Image, Mask
+from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.machine import one_thread
 from periscopy_sim.numerics.validation import InputError, plain_array
+from periscopy_sim.own_code import OwnCode
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import (
-    DEFAULT,
     METHODS,
-    RAYS,
     MethodEntry,
     libraries_of,
 )
-from periscopy_sim.rendering.transport.plan import NOISE, By, TransportPlan, plan_transport
-from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
-from periscopy_sim.scenario import Scenario
 
-LEAST_LIGHT = 0.25
-"""Mean of P A f of a white f, by other rays, below which it is A's grain that has rank. By 16 rays
-it is 0.7 to 1 on chair, plate, plant and corner, 0.04 to 0.19 on the doorway."""
+Name = str | Callable[..., Any]
+"""A method's name, see `find_method`, or a user's own factory."""
 
 
 @dataclass(frozen=True)
 class OwnEntry:
     """A user's own method, as `MethodEntry` is one of the package."""
 
-    name: str
+    name: Name
     factory: Callable[..., Method]  # (scenario, A, B), and a keyword ``mask`` if it takes one
     takes_mask: bool
 
@@ -62,16 +57,29 @@ class OwnEntry:
         return OwnMethod.for_scene(scene, A, B, scenario=scene, entry=self)
 
 
-def find_method(name: str) -> MethodEntry | OwnEntry:
+def find_method(name: Name) -> MethodEntry | OwnEntry:
     """Return a method, one of `METHODS` or a user's own: of (scenario, A, B), a `StillMethod`.
 
-    A user's own is ``module:callable`` or ``path/to/file.py:callable``, where the callable (a
+    A user's own is a callable, ``module:callable`` or ``path/to/file.py:callable``, where it (a
     class, say) takes (scenario, A, B), and the keyword ``mask`` if it likes, and returns an object
     with ``reconstruct(photograph) -> image``. Modules of the working folder are found too. A
     PeriscopyError says that there is no such method, module, file or callable.
     """
-    if name in METHODS:
+    if isinstance(name, str) and name in METHODS:
         return METHODS[name]
+    factory = _own_code(name).load() if isinstance(name, str) else name
+    try:
+        signature = inspect.signature(factory)
+        signature.bind(None, None, None)
+    except (TypeError, ValueError) as error:
+        raise PeriscopyError(
+            f"method '{label_of(name)}' is no callable of three arguments (scenario, A, B): {error}"
+        ) from error
+    return OwnEntry(name, factory, "mask" in signature.parameters)
+
+
+def _own_code(name: str) -> OwnCode:
+    """Return where a user's own method is; a PeriscopyError names those that there are."""
     own = OwnCode("method", name)
     if not own.is_complete:
         guess = did_you_mean(name, METHODS)
@@ -79,41 +87,59 @@ def find_method(name: str) -> MethodEntry | OwnEntry:
             f"no method '{name}'; {f'{guess} ' if guess else ''}use "
             f"{', '.join(METHODS)}, or your own as module:callable or path/to/file.py:callable"
         )
-    factory = own.load()
-    try:
-        signature = inspect.signature(factory)
-        signature.bind(None, None, None)
-    except (TypeError, ValueError) as error:
-        raise PeriscopyError(
-            f"method '{name}' is no callable of three arguments (scenario, A, B): {error}"
-        ) from error
-    return OwnEntry(name, factory, "mask" in signature.parameters)
+    return own
 
 
-def check_able(name: str, hidden: Hidden, *libraries: str) -> None:
+def check_able(name: Name, hidden: Hidden, *libraries: str) -> None:
     """Raise a PeriscopyError if a method does not support these surfaces, or a library is missing.
 
     These are the method's, and others.
     """
-    entry = METHODS.get(name)
+    entry = entry_of(name)
     if entry and entry.hidden is not None and [*hidden.shapes.values()] != [entry.hidden]:
         rows, columns = entry.hidden
         raise PeriscopyError(
             f"method '{name}' learned from one hidden surface of {rows}x{columns} patches alone: "
             "take this size, or train a network of your own"
         )
-    require_all(*libraries_of(name), *libraries)
+    require_all(*libraries_of(label_of(name)), *libraries)
 
 
-def source_sha256(name: str) -> str | None:
-    """Return the digest of the file of a user's own method; None for one of `METHODS`."""
-    file = None if name in METHODS else OwnCode("method", name).file
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file else None
+def source_sha256(name: Name) -> str | None:
+    """Return the digest of the file of a user's own method; None for one of `METHODS`.
+
+    A PeriscopyError says that there is no such method or file.
+    """
+    file = _file_of(name)
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest() if file else None
+    except OSError as error:
+        reason = f"{file}: {error.strerror}"
+        raise PeriscopyError(f"method '{label_of(name)}': {reason}; check the path") from error
+
+
+def label_of(name: Name) -> str:
+    """Return what a method is called."""
+    return name if isinstance(name, str) else getattr(name, "__qualname__", repr(name))
+
+
+def entry_of(name: Name) -> MethodEntry | None:
+    """Return the entry of a method in `METHODS`; None for a user's own."""
+    return METHODS.get(label_of(name))
+
+
+def _file_of(name: Name) -> Path | None:
+    """Return the file of a user's own method; None for one of `METHODS`, or without a file."""
+    if isinstance(name, str):
+        return None if name in METHODS else _own_code(name).file
+    with suppress(TypeError, OSError):
+        return Path(inspect.getfile(name))
+    return None
 
 
 def fit_method(
-    name: str,
-    scenario: Scenario,
+    name: Name,
+    scenario: Any,
     A: Image,
     B: Image,
     photograph: Photograph | Image | None = None,
@@ -128,48 +154,15 @@ def fit_method(
     ValueError that one of `METHODS` cannot be fitted.
     """
     entry = find_method(name)
+    known = {each.name: each for each in getattr(entry, "options", ())}
+    for option, value in options.items():
+        if option not in known:
+            raise PeriscopyError(f"{label_of(name)} has no option '{option}': {', '.join(known)}")
+        if not known[option].least <= value <= known[option].most:
+            limits = f"{known[option].least:g} to {known[option].most:g}"
+            raise PeriscopyError(f"{option} {value}: {label_of(name)} takes {limits}")
     with threadpool_limits(1):
         return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)
-
-
-def plan_for(
-    name: str,
-    scenario: Scenario,
-    noise: float | None,
-    *,
-    by: By | None = None,
-    samples: int | None = None,
-    seed: int = 0,
-) -> TransportPlan:
-    """Choose how A is made for a method and photographs of some noise; see `plan_transport`.
-
-    A method whose entry asks for rays gets `RAYS`, unless `by` names a way; a noise of None is
-    unknown.
-    """
-    wants_rays = name in METHODS and METHODS[name].rays and by is None
-    samples = samples or (RAYS if wants_rays else None)
-    noise = NOISE if noise is None else noise
-    return plan_transport(scenario, noise, by=by, samples=samples, seed=seed)
-
-
-def check_rank(
-    fitted: StillMethod[Any], scenario: Scenario, samples: int | None, mask: Mask, seed: int
-) -> None:
-    """Reject P of an A of some rays whose rank is but that of their grain: other rays prove it.
-
-    A PeriscopyError says so; `samples` of None are of an A by areas, which has no grain.
-    """
-    P = getattr(fitted, "preconditioner", None)
-    if samples is None or P is None:
-        return
-    others = RenderedTransport(scenario, samples, seed=seed + 1)
-    kept = float(P.apply(others.white(np.flatnonzero(mask))).mean())
-    if kept < LEAST_LIGHT:
-        raise PeriscopyError(
-            f"scene '{scenario.path}': A has almost no rank beside the grain of {samples} rays, in "
-            f"which P loses {100 * min(1 - kept, 1):.0f} % of a white image; use the method "
-            f"{DEFAULT}, or more rays"
-        )
 
 
 def without_addresses(message: str) -> str:
@@ -178,7 +171,7 @@ def without_addresses(message: str) -> str:
 
 
 @contextmanager
-def own_errors(name: str, what: str) -> Iterator[None]:
+def own_errors(name: Name, what: str) -> Iterator[None]:
     """Turn any error of a user's own method into a PeriscopyError that says where it arose.
 
     It names the method and the consequence `what`, such as "cannot be fitted"; see
@@ -187,7 +180,7 @@ def own_errors(name: str, what: str) -> Iterator[None]:
     if name in METHODS:
         yield
     else:
-        with own_code.own_errors(f"method '{name}' {what}", OwnCode("method", name).file):
+        with own_code.own_errors(f"method '{label_of(name)}' {what}", _file_of(name)):
             yield
 
 
@@ -270,16 +263,16 @@ class OwnMethod(StillMethod[np.float64]):
             keywords["mask"] = fit.mask.reshape(fit.shape)
         elif fit.mask is not None:
             warnings.warn(
-                f"method '{name}' takes no keyword mask: it sees the pixels that are left out as "
-                "black",
+                f"method '{label_of(name)}' takes no keyword mask: it sees the pixels that are "
+                "left out as black",
                 stacklevel=2,
             )
         with own_errors(name, "cannot be fitted"):
             method = self._entry.factory(self._scenario, fit.A, fit.whole_background, **keywords)
         if not callable(getattr(method, "reconstruct", None)):
             raise PeriscopyError(
-                f"method '{name}' makes an object of type {type(method).__name__}, which has no "
-                "reconstruct(photograph); add one"
+                f"method '{label_of(name)}' makes an object of type {type(method).__name__}, which "
+                "has no reconstruct(photograph); add one"
             )
         return method
 

@@ -1,0 +1,331 @@
+"""A sweep of a scenario: what it compares is checked, rendered once, reconstructed and kept."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from numbers import Real
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from periscopy_sim.errors import PeriscopyError, did_you_mean
+from periscopy_sim.evaluation.sweep import LIGHT, Sweep, run_sweep
+from periscopy_sim.evaluation.workers import check_scheduler
+from periscopy_sim.evaluation.world import flipped_names
+from periscopy_sim.evaluation.worlds import KNOWN, Watcher, Worlds
+from periscopy_sim.extras import SWEEP, require_all
+from periscopy_sim.judgement import check_error
+from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
+from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.words import WAYS, bounces_in_words
+from periscopy_sim.photograph import Photograph
+from periscopy_sim.reconstruction.method import Note
+from periscopy_sim.reconstruction.registry import libraries_of
+from periscopy_sim.rendering.photograph import excess_of
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_image, find_scene
+from periscopy_sim.storage.formats.table import format_of
+from periscopy_sim.storage.outputs.places import mirrored, place
+from periscopy_sim.storage.outputs.provenance import (
+    array_sha256,
+    provenance,
+    scene_sha256,
+    sha256_of,
+)
+from periscopy_sim.storage.outputs.resume import resumed_folder
+from periscopy_sim.storage.photographs import read_photograph
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+COMPARED = "noise-aware", "preconditioned", "differencing"
+PLACES = "overcast", "low_sun", "ceiling_panels"
+SBRS, SNRS = (0.1, 1.0, 10.0), (60.0,)
+"""What a sweep compares where nothing else is asked for."""
+
+DARK = "none"
+"""Names photographs without ambient light."""
+
+RUN = "command", "scene", "seed", "python"
+"""Provenance that differs from run to run, or that no result depends on."""
+
+RENDERED = "**/photograph*.exr", "**/ambient"
+RESULTS = "sweep.zarr", "sweep.csv", "sweep.png"
+CELLS = "sweep.zarr/making/finished/*.json"
+VARIED = "ambient_prototypes", "mask", "monitor_off"
+"""Settings that no rendering depends on: they may change until there are results."""
+
+
+def sweep(
+    scenario: Scenario,
+    images: Iterable[str | Path] | Mapping[str, Any],
+    out: str | Path | None = None,
+    *,
+    methods: Iterable[Name] | Mapping[str, Name] = COMPARED,
+    ambient: Iterable[str | Path] | Mapping[str, Image] = PLACES,
+    flips: bool = False,
+    sbr: float | Iterable[float] = SBRS,
+    snr: float | Iterable[float] = SNRS,
+    seeds: int = 1,
+    vary: Mapping[str, Iterable[Any]] | None = None,
+    photograph: Photograph | None = None,
+    mask: Mask | None = None,
+    monitor_off: Mapping[str, Array] | None = None,
+    scheduler: str | None = None,
+    watcher: Watcher | None = None,
+    command: Sequence[str] = (),
+) -> "xr.Dataset":
+    """Compare methods over hidden images, ambient light, noise, and whatever varies in a scene.
+
+    Photographs are rendered for the least noise, and each method is fitted to an A of its own that
+    is as fine. The same call with the same folder resumes an interrupted sweep; more values compute
+    only their cells.
+
+    Parameters
+    ----------
+    scenario
+        The scene; its `light` and `seed` are those of A and of whatever is drawn.
+    images
+        Files or shipped pictures that the hidden surfaces show; a mapping gives them names, of
+        several surfaces to mappings by id.
+    out
+        Folder, or URL that fsspec opens, of ``sweep.zarr``, ``sweep.csv`` and what is rendered;
+        None keeps the results in memory alone.
+    methods
+        Names, ``file.py:callable``, or callables of (scenario, A, B); a mapping gives them names.
+    ambient
+        Shipped conditions, ``all``, ``adversarial``, EXR files or folders of such; or ``none``.
+        A mapping has light of your own, (rows, columns, channels) in any unit, by name.
+    flips
+        Whether each ambient light is also flipped about each axis and about both (Sec. 4.1).
+    sbr, snr
+        Signal-to-background ratios; signal-to-noise ratios in dB.
+    seeds
+        Noise draws for each image, background and SBR.
+    vary
+        Further axes: ``sbr``, ``snr``, a <default> of the scene (``assumed.NAME``: of the methods'
+        scene alone), ``assumed``, ``ruler``, ``hidden``, ``samples``, ``model``, ``scene``,
+        ``METHOD.OPTION``.
+    photograph
+        A photograph without ambient light, of the only image, in place of a rendered one.
+    mask, monitor_off
+        The pixels that rendered photographs use, and photographs with the monitor off, by name.
+    scheduler
+        Address of a Dask scheduler; None uses this machine's cores.
+    watcher
+        Follows the sweep.
+    command
+        The words of a command, for the record.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over ``algorithm``, ``image``, ``background``, ``sbr``, ``snr``, ``seed`` and the further
+        axes; see `run_sweep`.
+
+    Raises
+    ------
+    PeriscopyError
+        If an axis, a method, a picture or a place does not exist, or a number is out of range.
+    OutputError
+        If the folder holds another sweep, or cannot be written.
+    """
+    if out is None:
+        with TemporaryDirectory() as folder:
+            return sweep(
+                scenario, images, folder, methods=methods, ambient=ambient, flips=flips, sbr=sbr,
+                snr=snr, seeds=seeds, vary=vary, photograph=photograph, mask=mask,
+                monitor_off=monitor_off, scheduler=scheduler, watcher=watcher, command=command,
+            ).load()  # fmt: skip
+    out, watcher = place(out), watcher or Watcher()
+    named = _named_methods(methods)
+    require_all(*SWEEP, *libraries_of(*map(label_of, named.values())))
+    for method in named.values():
+        find_method(method)
+    checked("seeds", seeds, "count")
+    axes = {name: _listed(values) for name, values in (vary or {}).items()}
+    own = (
+        {n: np.asarray(b, float) for n, b in ambient.items()}
+        if isinstance(ambient, Mapping)
+        else {}
+    )
+    lights = dict.fromkeys(own) if isinstance(ambient, Mapping) else conditions_of(ambient)
+    is_dark = DARK in lights
+    of = {name: f"vary {name}=" if name in axes else name for name in ("sbr", "snr")}
+    if is_dark and "sbr" in axes:
+        raise PeriscopyError(f"vary sbr: ambient {DARK} has no SBR; leave one of them out")
+    ratios = axes.pop("sbr", sbr)
+    ratios = [math.inf] if is_dark else checked(of["sbr"], ratios, "ratio")
+    decibels = checked(of["snr"], axes.pop("snr", snr), "decibels")
+    check_scheduler(scheduler)
+    for file in filter(None, lights.values()):
+        format_of(file)
+    shown = images_by_name(scenario, images)
+    off = monitor_off or {}
+    if photograph is not None:
+        mask, off = photograph.mask, photograph.monitor_off
+        if len(shown) > 1:
+            raise PeriscopyError("photograph: it shows one image; give that alone")
+    shape = scenario.photograph_shape
+    read = {n: read_photograph(file, shape, mask) for n, file in lights.items() if file}
+    watcher.note([line for each in read.values() for line in each.warnings])
+    measured = own | {name: each.values for name, each in read.items()}
+    if is_dark:  # of an infinite SBR nothing is added
+        flips, measured = False, {DARK: np.ones((*shape, 3))}
+    light = scenario.light
+    own_light = ["grid" if B is None else array_sha256(B) for B in light.ambient]
+    settings = {
+        **{n: v for n, v in provenance(scenario.document, scenario.seed).items() if n not in RUN},
+        "base_seed": scenario.seed,
+        "camera": scenario.view.camera,
+        "hidden_shape": None
+        if "hidden" in axes
+        else scenario.hidden.unwrapped(scenario.hidden.shapes),
+        "model": next((name for name, way in WAYS.items() if way == light.by), None),
+        "samples": light.samples,
+        "bounces": bounces_in_words(light.bounces),
+        "ambient_prototypes": own_light,
+        "mask": None if mask is None else array_sha256(mask),
+        "monitor_off": [array_sha256(image) for image in off.values()],
+    }
+    if light.matrix is not None:
+        settings["transport"] = array_sha256(np.asarray(light.matrix))
+    sources: dict[str, dict[str, Any]] = {
+        "algorithm": {name: source_sha256(each) or "built in" for name, each in named.items()},
+        "image": {
+            name: {
+                "photograph": "rendered" if photograph is None else array_sha256(photograph.values),
+                "truth": sha256_of(map(find_image, pictures.values())),
+            }
+            for name, pictures in shown.items()
+        },
+        "background": {
+            name: array_sha256(measured[place]) if place in measured else "rendered"
+            for place in lights
+            for name in flipped_names(place, flips)
+        },
+        "scene": {name: scene_sha256(find_scene(str(name))) for name in axes.get("scene", ())},
+    }
+    worlds = Worlds(
+        scenario=scenario, out=out, shown=shown, flips=flips, methods=named,
+        photographs={} if photograph is None else dict.fromkeys(shown, photograph),
+        ambient={name: measured.get(name) for name in lights},
+        noise=noise_to_signal(max(decibels), max(ratios)), conditions={"settings": settings},
+        conditions_of=sources, mask=mask, monitor_off=off, calibrates=KNOWN in axes,
+        watcher=watcher, command=command,
+    )  # fmt: skip
+    worlds.check(axes)
+    with (
+        resumed_folder(out, settings, "sweep", (CELLS, *RESULTS, *RENDERED), VARIED),
+        mirrored(out, RESULTS) as (rendered, send),
+    ):
+        worlds = replace(worlds, out=rendered, keep=send)
+        whole = Sweep(
+            world=worlds, sbrs=ratios, snrs=decibels, seeds=range(seeds), seed=scenario.seed,
+            vary=axes, units=worlds.units(axes),
+        )  # fmt: skip
+        with watcher.progress("sweeping") as report:
+            results = run_sweep(
+                whole, out, scheduler=scheduler, progress=report, timed=watcher.took,
+                planned=lambda missing: watcher.begin(whole, missing),
+            )  # fmt: skip
+    watcher.note(_notes(scenario, results, worlds, by_default=not (light.by or light.samples)))
+    return results
+
+
+def _listed(values: Any) -> list[Any]:
+    """Return the values of an axis, of which there may be one alone."""
+    is_several = isinstance(values, Iterable) and not isinstance(values, str)
+    return [float(v) if isinstance(v, Real) else v for v in (values if is_several else [values])]
+
+
+def _named_methods(
+    methods: Iterable[Name] | Mapping[str, Name],
+) -> dict[str, Name]:
+    """Return methods by their names; one that is given twice is an error."""
+    if isinstance(methods, Mapping):
+        return dict(methods)
+    if isinstance(methods, str):
+        raise PeriscopyError(f"methods: give a list, such as ['{methods}']")
+    listed = [*methods]
+    named = {label_of(each): each for each in listed}
+    if len(named) < len(listed):
+        raise PeriscopyError("methods: two have one name; give a mapping with other names")
+    return named
+
+
+def images_by_name(
+    scenario: Scenario, images: Iterable[str | Path] | Mapping[str, Any]
+) -> dict[str, dict[str, str]]:
+    """Return the picture of each surface, by its id, of each hidden image, by its name."""
+    if isinstance(images, str | Path):
+        raise PeriscopyError(f"images: give a list, such as ['{images}']")
+    if not isinstance(images, Mapping):
+        listed = [str(each) for each in images]
+        images = {Path(each).stem: each for each in listed}
+        if len(images) < len(listed):
+            raise PeriscopyError(f"images {','.join(listed)}: two pictures have one name")
+    shown = {
+        str(name): {str(i): str(p) for i, p in each.items()}
+        if isinstance(each, Mapping)
+        else dict.fromkeys(scenario.hidden, str(each))
+        for name, each in images.items()
+    }
+    for name in shown:
+        scenario.image(shown[name])
+    return shown
+
+
+def conditions_of(entries: Iterable[str | Path]) -> dict[str, Path | None]:
+    """Return the EXR file of each ambient light; None for a shipped condition, and for `DARK`."""
+    listed = [str(each) for each in ([entries] if isinstance(entries, str | Path) else entries)]
+    if listed == [DARK]:
+        return {DARK: None}
+    shipped = *REALISTIC, *ADVERSARIAL
+    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL, **{name: [name] for name in shipped}}
+    lights: dict[str, Path | None] = {}
+    for entry in listed:
+        path = Path(entry)
+        files = sorted(path.glob("*.exr")) if path.is_dir() else [path]
+        added: dict[str, Path | None] = {file.stem: file for file in files if file.suffix == ".exr"}
+        added = dict.fromkeys(groups[entry]) if entry in groups else added
+        if not added or added.keys() & lights.keys():
+            guess = "" if entry in groups else did_you_mean(entry, groups)
+            raise PeriscopyError(
+                f"ambient {entry}: {guess and f'{guess} '}write an EXR file, a folder of EXR "
+                f"files, all, adversarial, {', '.join(shipped)}, each once, or {DARK} alone"
+            )
+        lights |= added
+    return lights
+
+
+def _notes(
+    scenario: Scenario, results: "xr.Dataset", worlds: Worlds, *, by_default: bool
+) -> list[Note | str]:
+    """Note where an A, or a photograph, errs more than its noise, or a method's As differ."""
+    notes: list[Note | str] = []
+    for name in results["algorithm"].values.tolist():
+        entry = entry_of(worlds.methods[name])
+        if by_default and entry is not None and entry.rays:
+            continue
+        of_method = results.sel(algorithm=name)
+        rays = of_method["transport_samples"].fillna(0)
+        if bool((rays.max(LIGHT) != rays.min(LIGHT)).any()):
+            numbers = ", ".join(f"{each:g}" for each in np.unique(rays) if each)
+            notes.append(Note("other_rays", {"name": name, "numbers": numbers}))
+        each = of_method.stack(each=of_method["failure"].dims)
+        worst = each.isel(each=int(each["transport_error"].fillna(0).values.argmax()))
+        samples, error = (float(worst[f"transport_{n}"]) for n in ("samples", "error"))
+        origin = {
+            "model": worst["transport_model"].item(),
+            "samples": None if np.isnan(samples) else int(samples),
+            "transport_error": None if np.isnan(error) else error,
+        }
+        notes += check_error(scenario, origin, worlds.noise, f"{name}: A")
+    error = results["photograph_error"].fillna(0)
+    worst = error.isel((error * 10 ** (results["snr"] / 20)).argmax(...))
+    return [*notes, *excess_of(float(worst), float(worst["snr"]))]

@@ -1,0 +1,205 @@
+"""What `page.js` draws of a laboratory: panels of pictures, and its things in 3-D."""
+
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from periscopy_sim.figures.panels import common_white, encoded, hatching, residual_map
+from periscopy_sim.figures.style import mpl
+from periscopy_sim.live.movable import parts_of
+from periscopy_sim.live.pictures import LivePictures
+from periscopy_sim.numerics import Array
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.scene import Occluder
+
+LINES = 17
+"""Rows and columns of points, at most, by which a surface is drawn."""
+
+AHEAD = 0.002
+"""Metres from the wall to the photograph in front of it, and to its picture behind it."""
+
+MARGIN = 0.1
+"""Over the size of everything: what wall and floor reach beyond, and the length of arrows."""
+
+Pixels = NDArray[np.uint8]
+"""A picture, (rows, columns, 3 or 4) sRGB; the page hatches what is transparent."""
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Pictures side by side, on one scale, and the text beneath them.
+
+    `scale` is that of false colours: the name of matplotlib's colormap, and its ends as text.
+    """
+
+    caption: str
+    pictures: Sequence[Pixels] = ()
+    scale: tuple[str, str, str] | None = None
+
+    def look(self) -> dict[str, Any]:
+        """Return what `page.js` draws."""
+        pictures = [{"source": as_source(p), "columns": p.shape[1]} for p in self.pictures]
+        look: dict[str, Any] = {"caption": self.caption, "pictures": pictures}
+        if self.scale is not None:
+            name, low, high = self.scale
+            colours = [f"#{bytes(c).hex()}" for c in _colours(name, np.linspace(0, 1, 9))[:, :3]]
+            look["scale"] = {"colours": colours, "low": low, "high": high}
+        return look
+
+
+def as_source(pixels: Pixels) -> str:
+    """Return a picture as the address of an image in a page."""
+    file = BytesIO()
+    Image.fromarray(pixels).save(file, "PNG", compress_level=1)  # of 30 a second
+    return f"data:image/png;base64,{b64encode(file.getvalue()).decode()}"
+
+
+def photograph_pixels(pictures: LivePictures) -> Pixels:
+    """Return the photograph for display; masked pixels are transparent."""
+    used = pictures.photograph.pixels[..., np.newaxis]
+    return _bytes(encoded(np.where(used, pictures.photograph.values, np.nan), None))
+
+
+def hidden_pixels(pictures: LivePictures) -> dict[str, Pixels]:
+    """Return images for display by surface; the reconstructions if they are unknown."""
+    is_known = pictures.truth is not None
+    images = pictures.scenario.hidden.images(pictures.truth if is_known else pictures.image)
+    white = 1.0 if is_known else common_white(images.values())
+    return {name: _bytes(encoded(image, white)) for name, image in images.items()}
+
+
+def _bytes(picture: Array) -> Pixels:
+    return np.rint(255 * picture).astype(np.uint8)
+
+
+def panels_of(pictures: LivePictures) -> list[Panel]:
+    """Return the panels: photograph, reconstruction, and what is known of their errors.
+
+    The frames of a stream have no standard errors, and no panel of them.
+    """
+    choice, (rows, columns) = pictures.choice, pictures.photograph.shape
+    caption = f"Photograph: {rows} x {columns} pixels"
+    if pictures.report.residual is None:
+        caption += f"{f', SBR {choice.sbr:g}' if choice.place else ''}, {choice.snr:g} dB"
+    sizes = {n: "{} x {}".format(*shape) for n, shape in pictures.scenario.hidden.shapes.items()}
+    each = sizes.values() if len(sizes) == 1 else map(" ".join, sizes.items())
+    psnr = "" if pictures.psnr is None else f", PSNR {pictures.psnr:.1f} dB"
+    found = f"Reconstruction: {', '.join(each)} patches{psnr}"
+    return [
+        Panel(caption, [photograph_pixels(pictures)]),
+        Panel(found, [*hidden_pixels(replace(pictures, truth=None)).values()]),
+        _third(pictures),
+        *([] if pictures.frame is not None else [_errors(pictures)]),
+    ]
+
+
+def _third(pictures: LivePictures) -> Panel:
+    """Return the residual of a given photograph, or else the hidden image."""
+    residual = pictures.report.residual
+    if residual is None:
+        shown = [] if pictures.truth is None else hidden_pixels(pictures).values()
+        return Panel("Hidden image", [*shown])
+    caption = f"Unexplained: {100 * residual.unexplained:.2f} %"
+    if residual.noise_alone is not None:
+        between = "alone" if pictures.frame is None else "between frames"
+        caption += f", noise {between} {100 * residual.noise_alone:.2f} %"
+    light, bound, unit = residual_map(residual)
+    unit = unit.replace("standard deviations of noise", "σ of noise").partition(" of the")[0]
+    scale = "RdBu_r", f"−{bound:.2g} {unit}", f"+{bound:.2g} {unit}"
+    return Panel(caption, [_colours("RdBu_r", light / bound / 2 + 0.5)], scale)
+
+
+def _errors(pictures: LivePictures) -> Panel:
+    errors, hidden = pictures.report.standard_errors, pictures.scenario.hidden
+    if errors is None:
+        return Panel(f"Standard error: {pictures.choice.method} reports none")
+    white = float(np.percentile(hidden.vector(pictures.image), 99)) or 1.0
+    percent = 100 / white * np.sqrt(np.mean(hidden.vector(errors) ** 2, axis=1))
+    counted = "noise and scene" if pictures.report.numbers.get("standard_errors_count") else "noise"
+    median, largest = (float(f"{each(percent):.2g}") for each in (np.median, np.max))
+    caption = f"Standard error ({counted}): median {median:g}, largest {largest:g} %"
+    maps = hidden.split(percent / (percent.max() or 1.0)).values()
+    scale = "magma", "0 %", f"{largest:g} % of white"
+    return Panel(caption, [_colours("magma", each) for each in maps], scale)
+
+
+def _colours(name: str, values: Array) -> Pixels:
+    """Return false colours of values in [0, 1], (..., 4); NaN is transparent."""
+    return np.asarray(mpl.colormaps[name](values, bytes=True))
+
+
+# -- the laboratory in 3-D -------------------------------------------------------------------------
+
+
+def room_of(scenario: Scenario) -> dict[str, Any]:
+    """Return what stays: floor, wall, first view and arrows' length."""
+    points, frame = _everything(scenario), scenario.view.frame
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    width, depth, _ = high - low + MARGIN * size
+    # The wall is just behind everything.
+    axes = np.stack([frame.across, frame.up])
+    local = (points - frame.center) @ axes.T
+    left, right = local.min(axis=0) - [MARGIN * size, 0], local.max(axis=0) + MARGIN * size
+    center = frame.center + (left + right) / 2 @ axes - AHEAD * frame.normal
+    # The first view, of the floor's middle: from beside the viewer of the wall, and from above.
+    x, y, z = back = 0.7 * frame.normal + 0.6 * frame.across + np.array([0, 0, 0.35])
+    length = float(np.linalg.norm(back))
+    floor = np.array([*middle[:2], low[2]])
+    return {
+        "wall": _rectangle(center, *((right - left)[:, np.newaxis] * axes)),
+        "floor": _rectangle(floor, *np.diag([width, depth, 0])[:2]),
+        "hatching": as_source(hatching()),
+        "arrow": MARGIN * size,
+        "view": {
+            "target": floor.tolist(), "distance": 0.95 * size * length,
+            "azimuth": np.degrees(np.arctan2(y, x)), "elevation": np.degrees(np.arcsin(z / length)),
+        },
+    }  # fmt: skip
+
+
+def images_in(pictures: LivePictures) -> dict[str, Any]:
+    """Return the photograph on a scene's wall, and the images on hidden surfaces."""
+    scenario, images = pictures.scenario, hidden_pixels(pictures)
+    on_wall = scenario.view.surface.vertices + AHEAD * scenario.view.frame.normal
+    return {
+        "photograph": _on_grid(photograph_pixels(pictures), on_wall),
+        "hidden": [_on_grid(images[name], each.vertices) for name, each in scenario.hidden.items()],
+    }
+
+
+def _on_grid(pixels: Pixels, corners: Array) -> dict[str, Any]:
+    """Return an image and some of its pixels' corners, (rows, columns, 3), from the upper left."""
+    lines = (np.linspace(0, n - 1, min(n, LINES)).round().astype(int) for n in corners.shape[:2])
+    return {"source": as_source(pixels), "grid": corners[np.ix_(*lines)].tolist()}
+
+
+def _rectangle(center: Array, across: Array, up: Array) -> Any:
+    """Return the corners of a rectangle, from the upper left."""
+    return [[(center + x * across + y * up).tolist() for x in (-0.5, 0.5)] for y in (0.5, -0.5)]
+
+
+def mesh_of(occluder: Occluder) -> dict[str, Any]:
+    """Return the triangles of an occluder, each vertex to 10 micrometres."""
+    vertices, faces = occluder.vertices, occluder.faces
+    if vertices is None or faces is None:  # no mesh: the box about it
+        from trimesh.creation import box
+
+        around = box(bounds=occluder.bounds)
+        vertices, faces = np.asarray(around.vertices), np.asarray(around.faces)
+    shown = np.round(np.asarray(vertices, float), 5)
+    return {"vertices": shown.ravel().tolist(), "faces": faces.ravel().tolist()}
+
+
+def _everything(scenario: Scenario) -> Array:
+    """Return the points, (n, 3), of all but far surroundings."""
+    seen_and_hidden = np.concatenate([scenario.view.centers, scenario.hidden.centers])
+    reach = np.linalg.norm(np.ptp(seen_and_hidden, axis=0))
+    parts = parts_of(scenario).values()
+    return np.concatenate([p for p in parts if np.linalg.norm(np.ptp(p, axis=0)) <= reach])

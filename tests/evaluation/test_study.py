@@ -1,0 +1,52 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import periscopy_sim as ps
+from periscopy_sim.errors import OutputError, PeriscopyError
+from periscopy_sim.storage.formats.exr import write_exr
+
+pytest.importorskip("xarray")
+
+
+@pytest.mark.usefixtures("jit")
+def test_values_of_an_axis_may_be_whole_numbers():
+    """From a command line they are all floats."""
+    scene = ps.load_scenario("chair", (3, 4), {"resolution": 16})
+    results = ps.sweep(
+        scene, ["mushroom"], methods=["truncated-svd"], ambient={"lamp": np.ones((16, 16, 3))},
+        sbr=[1], snr=[40], vary={"occluder_dx": (0, 0.02)},
+    )  # fmt: skip
+    assert results["occluder_dx"].values.tolist() == [0.0, 0.02]
+    assert not results["failure"].values.any()
+
+
+@pytest.mark.usefixtures("jit")
+def test_what_the_reader_of_a_light_doubts_is_passed_on(tmp_path):
+    light = np.full((16, 16, 3), -1e-3)
+    light[:4] = 1
+    write_exr(tmp_path / "lamp.exr", light, {})
+    scene = ps.load_scenario("chair", (3, 4), {"resolution": 16})
+    with pytest.warns(RuntimeWarning, match=r"lamp\.exr"):
+        ps.sweep(
+            scene, ["mushroom"], methods=["truncated-svd"], ambient=[tmp_path / "lamp.exr"],
+            sbr=[1], snr=[40],
+        )  # fmt: skip
+
+
+@pytest.mark.usefixtures("jit")
+def test_a_given_matrix_is_of_one_scene_and_one_sweep(tmp_path):
+    scene = ps.load_scenario("chair", (3, 4), {"resolution": 16})
+    given, other = (replace(scene, light=ps.Light(matrix=k * scene.A)) for k in (1, 2))
+    asked = {
+        "methods": ["truncated-svd"], "ambient": {"lamp": np.ones((16, 16, 3))}, "sbr": [1],
+        "snr": [40],
+    }  # fmt: skip
+    for axis, value in (("occluder_dx", 0.01), ("hidden", "6x8"), ("model", "rendered")):
+        with pytest.raises(PeriscopyError, match=axis):
+            ps.sweep(given, ["mushroom"], vary={axis: [value]}, **asked)
+    results = ps.sweep(given, ["mushroom"], tmp_path, **asked)
+    assert results["transport_model"].item() == "file"
+    with pytest.raises(OutputError):
+        ps.sweep(other, ["mushroom"], tmp_path, **asked)
