@@ -114,7 +114,7 @@ def draw_sweep(
             grid[0, 0].set_yscale("log")
             # Of an interval, which may hold 0.
             lowest = min(ax.dataLim.y0 for ax in grid.flat[: len(parts)])
-            grid[0, 0].set_ylim(bottom=max(least / 3, lowest))
+            grid[0, 0].set_ylim(bottom=max(least / 3, 0.8 * lowest))
             plain_ticks(grid[0, 0].yaxis)
         else:
             grid[0, 0].yaxis.set_major_locator(mpl.ticker.MaxNLocator(5, min_n_ticks=4))
