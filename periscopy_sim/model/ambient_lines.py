@@ -116,7 +116,7 @@ class AmbientLines:
         rest = float(np.mean(likelihood.rest(o)) / likelihood.counts[0])
         noise = camera_noise(fit.placed(photograph.planes.T))
         white = 0.0 if noise is None else min(rest, float(np.mean((noise / level) ** 2)))
-        return light > rest - white + rest * o.shape[1] / fit.pixels
+        return light > rest - white + rest * len(self._direction) / fit.pixels
 
 
 @dataclass(frozen=True, eq=False)
