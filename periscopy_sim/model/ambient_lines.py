@@ -89,7 +89,7 @@ class AmbientLines:
     def _light(self, o: Array) -> Array:
         """Return L o on the wall of each row of o, (J, K), before the projection, (J, M')."""
         down, across = (o[:, self._direction == k] @ each.T for k, each in enumerate(self._cosines))
-        light = (down[:, :, None] + across[:, None, :]).reshape(len(o), -1)
+        light = (down[:, :, None] + across[:, None, :]).reshape(len(o), self._fit.A.shape[0])
         return np.ascontiguousarray(self._fit.on_wall(light.T).T)
 
     def _likelihood(self, photograph: FittedPhotograph) -> "Likelihood":
