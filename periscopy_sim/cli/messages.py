@@ -10,6 +10,7 @@ SENTENCES = {
     "no_hidden_image": (
         "the photograph hardly shows a hidden image; check that the monitor was on, and the scene"
     ),
+    "ambient_lines": "lines of ambient light cross the wall; the image is without their light",
     "wall_gain": "the image allows for a gain over the wall of {low:.2f} to {high:.2f}",
     "place": (
         "If the scene's numbers err as declared, the image may sit ± {most:.1f} patches from its "

@@ -27,29 +27,33 @@ def small_method(mask=None):
 def test_likelihood_and_lines_are_those_of_dense_matrices(masked):
     """The covariance of y⊥ written out, in an orthonormal basis of what B leaves."""
     rng = np.random.default_rng(1)
-    y = rng.random((*WALL, 1))
+    y = rng.random((*WALL, 3)) * [1, 2, 3]
     given = Photograph.of(y, mask=rng.random(WALL) < 0.8) if masked else None
     fit = small_method(given).fit
     (planes,) = fit.planes(y[None])
     photograph = FittedPhotograph(planes, fit)
-    lines = AmbientLines(fit)
-    (channel,) = lines._channels(photograph)
+    likelihood = AmbientLines(fit)._likelihood(photograph)
     down, across = (cosines(size) for size in WALL)
     L = np.hstack([np.kron(down, np.ones((WALL[1], 1))), np.tile(across, (WALL[0], 1))])
     L = fit.used(L)
     E = np.linalg.svd(fit.basis)[0][:, fit.basis.shape[1] :]
-    x = np.log([0.3, 0.02, 0.5, 0.1])
-    τ, variance, *v = np.exp(x)
-    W = (fit.patterns.rows[fit.visible] / np.sqrt(fit.curvatures.mean()) / fit.unit).T
-    light = E.T @ fit.rows @ W  # of patterns, whose variance is τ
+    x = np.log([0.3, 5, 2])
+    τ, *v = np.exp(x)
+    W = fit.patterns.rows[fit.visible] / np.sqrt(fit.curvatures[:, None]) / fit.unit
+    light = E.T @ fit.rows @ W.T
+    signals = fit.curvatures / fit.curvatures.mean()
+    band = np.floor(np.log2(signals))
+    signals = np.array([signals[band == each].mean() for each in band])
     V = np.diag(np.repeat(v, [down.shape[1], across.shape[1]]))
-    Σ = τ * light @ light.T + E.T @ L @ V @ L.T @ E + variance * np.eye(len(light))
-    data = E.T @ photograph.y[0]
-    value, slopes, o = channel.cost(x)
-    dense = np.linalg.slogdet(Σ)[1] + data @ np.linalg.solve(Σ, data)
+    Σ = τ * signals * light @ light.T + E.T @ L @ V @ L.T @ E + np.eye(len(light))
+    data = E.T @ photograph.y.T
+    weighted = np.linalg.solve(Σ, data)
+    value, slopes, o = likelihood.cost(x)
+    dense = 3 * np.linalg.slogdet(Σ)[1]
+    dense += len(data) * np.sum(np.log(np.sum(data * weighted, axis=0)))
     assert value == pytest.approx(dense, rel=1e-5)
-    np.testing.assert_allclose(o, V @ L.T @ E @ np.linalg.solve(Σ, data), rtol=1e-3, atol=1e-6)
-    numeric = optimize.approx_fprime(x, lambda z: channel.cost(z)[0], 1e-5)
+    np.testing.assert_allclose(o, (V @ L.T @ E @ weighted).T, rtol=1e-3, atol=1e-6)
+    numeric = optimize.approx_fprime(x, lambda z: likelihood.cost(z)[0], 1e-5)
     np.testing.assert_allclose(slopes, numeric, rtol=1e-3, atol=0.05)
 
 
@@ -82,6 +86,7 @@ def test_a_crease_of_ambient_light_does_not_spoil_the_image(chair):
         y = ps.add_noise(light + 5 * kink(0.01), snr=60, seed=seed)
         solution = method.solve(y)
         assert solution.corrections["ambient_lines_found"]
+        assert "ambient_lines" in [note.code for note in method.report(y, solution).notes]
         scores = [ps.psnr_gain_matched(m, truth) for m in (solution.image, plain.reconstruct(y))]
         assert scores[0] > scores[1] + 1
 

@@ -240,8 +240,8 @@ class NoiseAware(StillMethod[np.float64]):
         return self.with_errors(super().report(photograph, solution), solution)
 
     def with_errors(self, report: Report, solution: NoiseAwareReconstruction) -> Report:
-        """Return a report with standard errors, and notes of the place and of the wall's gain."""
-        response, notes = self._response(solution), gain_notes(solution)
+        """Return a report with standard errors, and notes of the place and of the corrections."""
+        response, notes = self._response(solution), correction_notes(solution)
         counted = [] if self.uncertain is None else list(self.uncertain.names)
         numbers = {**report.numbers, "standard_errors_count": counted}
         if response is not None:
@@ -304,9 +304,12 @@ class NoiseAware(StillMethod[np.float64]):
         return np.eye(channels) if self.fit.mixing is None else self.fit.mixing
 
 
-def gain_notes(solution: NoiseAwareReconstruction) -> list[Note]:
-    """Return the note of a gain over the wall, if there is one."""
-    if not solution.corrections.get("wall_gain_found"):
-        return []
-    low, high = solution.corrections["wall_gain_range"]
-    return [Note("wall_gain", {"low": low, "high": high})]
+def correction_notes(solution: NoiseAwareReconstruction) -> list[Note]:
+    """Return the notes of a gain over the wall and of lines of ambient light, if there are any."""
+    numbers, notes = solution.corrections, []
+    if numbers.get("ambient_lines_found"):
+        notes.append(Note("ambient_lines"))
+    if numbers.get("wall_gain_found"):
+        low, high = numbers["wall_gain_range"]
+        notes.append(Note("wall_gain", {"low": low, "high": high}))
+    return notes

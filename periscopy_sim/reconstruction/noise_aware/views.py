@@ -41,7 +41,7 @@ from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
-    gain_notes,
+    correction_notes,
 )
 
 STRONGEST = 150
@@ -203,7 +203,7 @@ class NoiseAwareViews:
             light = solution.exposures[camera] * method.hidden.vector(solution.image)
             own = replace(alone, image=method.hidden.image(light))
             report = StillMethod.report(method, _values(photograph), own)
-            reports[camera] = replace(report, notes=gain_notes(own))
+            reports[camera] = replace(report, notes=correction_notes(own))
         whole = solution.method.with_errors(Report(numbers=solution.numbers()), solution)
         first, *others = solution.exposures.items()
         notes, warnings = [*whole.notes], []
