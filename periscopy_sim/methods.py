@@ -23,7 +23,7 @@ from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Image
 from periscopy_sim.numerics.machine import one_thread
-from periscopy_sim.numerics.validation import InputError, plain_array
+from periscopy_sim.numerics.validation import InputError, checked_number, plain_array
 from periscopy_sim.own_code import OwnCode
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
@@ -133,7 +133,8 @@ def _file_of(name: Name) -> Path | None:
     if isinstance(name, str):
         return None if name in METHODS else _own_code(name).file
     with suppress(TypeError, OSError):
-        return Path(inspect.getfile(name))
+        if (file := Path(inspect.getfile(name))).is_file():  # none of what was typed in
+            return file
     return None
 
 
@@ -157,10 +158,10 @@ def fit_method(
     known = {each.name: each for each in getattr(entry, "options", ())}
     for option, value in options.items():
         if option not in known:
-            raise PeriscopyError(f"{label_of(name)} has no option '{option}': {', '.join(known)}")
-        if not known[option].least <= value <= known[option].most:
-            limits = f"{known[option].least:g} to {known[option].most:g}"
-            raise PeriscopyError(f"{option} {value}: {label_of(name)} takes {limits}")
+            raise PeriscopyError(
+                f"{label_of(name)} has no option '{option}'; it has {', '.join(known) or 'none'}"
+            )
+        checked_number(value, option, known[option].least, known[option].most)
     with threadpool_limits(1):
         return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)
 

@@ -216,6 +216,11 @@ class Scenario(Geometry):
 
         light, seed = self.light, self.seed
         if light.matrix is not None:
+            if np.shape(light.matrix) != self.transport_shape:
+                given, own = np.shape(light.matrix), self.transport_shape
+                raise PeriscopyError(
+                    f"A has shape {given}; the scene's camera and patches need {own}"
+                )
             return light.matrix
         plan, made = self._planned(noise, method)
 
@@ -337,7 +342,7 @@ class Scenario(Geometry):
             raise PeriscopyError("ambient light and an SBR go together; give both or neither")
         for name, value, kind in (("snr", snr, "decibels"), ("sbr", sbr, "ratio")):
             if value is not None:
-                checked(name, value, kind)
+                checked(name, [value], kind)
         mixed = np.asarray if colour_matrix is None else colour_matrix.mix
         light = None if ambient is None else self.ambient(ambient, target=target)
         purpose = SNR if snr is None else snr
@@ -417,6 +422,11 @@ class Scenario(Geometry):
             )
             return fitted
 
+        if not hasattr(errors or {}, "items"):
+            kind = type(errors).__name__
+            raise PeriscopyError(
+                f"errors are of type {kind}: give a dictionary of names and errors"
+            )
         known = None if errors is None else tuple(sorted(errors.items()))
         key = (
             *("method", name, source, self._digest, self.seed, plan, conditions),
@@ -447,10 +457,13 @@ class Scenario(Geometry):
         """
         from periscopy_sim.analytic.area_transport import has_areas
         from periscopy_sim.calibration import moving_scene
-        from periscopy_sim.methods import entry_of
+        from periscopy_sim.methods import entry_of, label_of
 
         entry = entry_of(method)
         if entry is None or not entry.uncertain:
+            if errors:
+                name = label_of(method)
+                raise PeriscopyError(f"errors: {name} does not count them; leave them out")
             return None, []
         if errors is None:
             return moving_scene.scene_uncertainty(self)
@@ -558,6 +571,8 @@ class Scenario(Geometry):
         from periscopy_sim.rendering.transport.bounced import BouncedTransport
 
         photograph = self._checked(photograph)
+        if not hasattr(solution, "image"):
+            raise PeriscopyError("give the solution that the method's solve(photograph) returns")
         fitted: StillMethod[Any] = (
             method if isinstance(method, StillMethod) else self.method(method, photograph)
         )
@@ -621,6 +636,15 @@ def _sha256(values: Iterable[Any]) -> tuple[str, ...]:
     return tuple(array_sha256(v) if isinstance(v, np.ndarray) else "" for v in values)
 
 
+def checked_scenario(scenario: Any) -> None:
+    """Reject what is no scenario by a PeriscopyError."""
+    if not isinstance(scenario, Scenario):
+        raise PeriscopyError(
+            f"the scene is of type {type(scenario).__name__}: give a scenario, which "
+            "ps.load_scenario(name, hidden=(rows, columns)) returns"
+        )
+
+
 def load_scenario(
     scene: str | Path | Scene,
     hidden: Sizes,
@@ -672,5 +696,10 @@ def load_scenario(
     """
     from periscopy_sim.rendering.scene.load import load_geometry
 
+    for name, value, kind in (("parameters", parameters, Mapping), ("light", light, Light)):
+        if not isinstance(value, kind | None):
+            what = "a dictionary" if kind is Mapping else "a ps.Light"
+            raise PeriscopyError(f"{name} is of type {type(value).__name__}: give {what}")
+    checked("seed", [seed], "seed")
     seen = load_geometry(scene, hidden, parameters, photograph=photograph, camera=camera)
     return Scenario(seen.view, seen.hidden, light or Light(), seed)

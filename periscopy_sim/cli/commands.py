@@ -3,6 +3,7 @@
 import inspect
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import typer
@@ -40,7 +41,8 @@ class Command(_WithoutTypes, TyperCommand):
         except PeriscopyError as error:
             names = {each.name: each.opts[0] for each in self.params if each.opts[0][:2] == "--"}
             name, *rest = re.split(r"(?=[ :])", str(error), maxsplit=1)
-            if name not in names or not re.match(r"( [^\s']+)?: ", "".join(rest)):
+            is_file = Path(name).exists()  # which the error may be about
+            if name not in names or is_file or not re.match(r"( [^\s']+)?: ", "".join(rest)):
                 raise
             raise type(error)("".join([names[name], *rest])) from error
 

@@ -18,7 +18,7 @@ from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     form_preconditioner,
 )
 from periscopy_sim.rendering.transport.bounced import channels_mean
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Scenario, checked_scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +107,7 @@ def analyze(
     information. The pixels of the mask count, and photographs with the monitor off, by name, are
     further columns of B. Errors are those of `diagnose` and of `Scenario.transport`.
     """
+    checked_scenario(scenario)
     scenario = replace(scenario, light=replace(scenario.light, strata="gauss"))
     A, off = channels_mean(scenario.transport()), monitor_off or {}
     white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)

@@ -26,7 +26,7 @@ from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.rendering.photograph import excess_of
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Scenario, checked_scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_image, find_scene
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.places import mirrored, place
@@ -134,6 +134,7 @@ def sweep(
     OutputError
         If the folder holds another sweep, or cannot be written.
     """
+    checked_scenario(scenario)
     if out is None:
         with TemporaryDirectory() as folder:
             return sweep(
@@ -156,8 +157,11 @@ def sweep(
     lights = dict.fromkeys(own) if isinstance(ambient, Mapping) else conditions_of(ambient)
     is_dark = DARK in lights
     of = {name: f"vary {name}=" if name in axes else name for name in ("sbr", "snr")}
-    if is_dark and "sbr" in axes:
-        raise PeriscopyError(f"vary sbr: ambient {DARK} has no SBR; leave one of them out")
+    if is_dark and ("sbr" in axes or sbr is not SBRS):
+        raise PeriscopyError(f"{of['sbr']}: ambient {DARK} has no SBR; leave one of them out")
+    for name, value, default in (("sbr", sbr, SBRS), ("snr", snr, SNRS)):
+        if name in axes and value is not default:
+            raise PeriscopyError(f"vary {name}: the option {name} gives it, too; give one of them")
     ratios = axes.pop("sbr", sbr)
     ratios = [math.inf] if is_dark else checked(of["sbr"], ratios, "ratio")
     decibels = checked(of["snr"], axes.pop("snr", snr), "decibels")

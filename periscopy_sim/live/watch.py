@@ -27,12 +27,13 @@ from periscopy_sim.live.preparation import Companions, RunningAverage
 from periscopy_sim.live.session import Job, LiveSession
 from periscopy_sim.methods import find_method
 from periscopy_sim.numerics import Mask
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.reconstruction.registry import DEFAULT
-from periscopy_sim.scenario import Scenario
+from periscopy_sim.scenario import Scenario, checked_scenario
 
 RECENT = 60
 """Frames whose rate and latency the page shows."""
@@ -360,9 +361,9 @@ def watch(
         If there is no such source or method, the function raises an error, the first two frames
         cannot be used, the port is taken, or an extra is not installed.
     """
+    checked_scenario(scenario)
     find_method(method)
-    if average < 1:
-        raise PeriscopyError(f"average is {average}; give 1 frame or more")
+    checked("average", average, "frames")
     companions = Companions(
         marks, mask, 0.0, None if dark is None else sensor_image(dark, "the dark frame"),
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},

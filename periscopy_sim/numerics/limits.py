@@ -46,6 +46,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "grid": (2, 100),
     "inches": (2, 20),
     "count": (1, 1000),
+    "frames": (1, 10**6),
     "samples": (1, 10**8),
     "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
     "camera samples": (1, 2**20),

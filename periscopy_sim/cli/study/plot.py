@@ -109,6 +109,10 @@ def _complete(results: "xr.Dataset") -> "xr.Dataset":
     }
     if lacks.all():
         raise PeriscopyError("the sweep has no result yet; run it again, it goes on")
+    if left := int(lacks.sum()):
+        say(
+            f"{left} of {lacks.size} results are not there yet; run the same 'periscopy sweep' again"
+        )
     results, lacks = results.sel(begun), lacks.sel(begun)
     if left := int(lacks.sum()):
         raise PeriscopyError(
