@@ -110,9 +110,7 @@ def _complete(results: "xr.Dataset") -> "xr.Dataset":
     if lacks.all():
         raise PeriscopyError("the sweep has no result yet; run it again, it goes on")
     if left := int(lacks.sum()):
-        say(
-            f"{left} of {lacks.size} results are not there yet; run the same 'periscopy sweep' again"
-        )
+        say(f"{left} of {lacks.size} results are not there yet: run the same 'periscopy sweep'")
     results, lacks = results.sel(begun), lacks.sel(begun)
     if left := int(lacks.sum()):
         raise PeriscopyError(

@@ -91,10 +91,13 @@ def sweep(
     shown = _shown(session, truth or hidden_image or [], "--truth" if truth else "--hidden-image")
     wall = None if photograph is None else session.wall(photograph)
     mask, monitor_off = session.companions() if wall is None else (None, None)
+    texts = {"sbr": sbr, "snr": snr}
+    kept = [n for n in texts if n not in axes and not (n == "sbr" and places == [DARK])]
+    levels = {name: parse_values(texts[name], f"--{name}") for name in kept}
     watcher = SweepForecast(session, thread_count(scheduler))
     results = ps.sweep(
         session.lit(light), shown, out, methods=names, ambient=places, flips=flips,
-        sbr=parse_values(sbr, "--sbr"), snr=parse_values(snr, "--snr"), seeds=seeds, vary=axes,
+        seeds=seeds, vary=axes, **levels,
         photograph=wall, mask=mask, monitor_off=monitor_off, scheduler=scheduler, watcher=watcher,
         command=["periscopy", *sys.argv[1:]],
     )  # fmt: skip
