@@ -145,8 +145,6 @@ class Scenario(Geometry):
         scene = replace(self.scene, document=replace(self.document, defaults=defaults))
         return replace(self, view=replace(self.view, scene=scene))
 
-    # -- matrices ----------------------------------------------------------------------------------
-
     @property
     def A(self) -> Any:  # noqa: N802  the symbol
         """(M, N) the light transport matrix, as fine as photographs of 60 dB need.
@@ -248,8 +246,6 @@ class Scenario(Geometry):
         if light.bounces == DIRECT:
             return error, A
         return error, add_bounces(self, A, light.bounces, seed=seed)
-
-    # -- photographs -------------------------------------------------------------------------------
 
     def image(self, names: str | Path | Mapping[str, str]) -> Any:
         """Read the hidden image, (R, C, 3), of a file or a shipped picture, in these patches.
@@ -364,8 +360,6 @@ class Scenario(Geometry):
         lines = excess_of(error, purpose) if samples is None or snr is not None else ()
         lines = (*(light.warnings if light else ()), *lines)
         return Photograph(y, colour_matrix=colour_matrix, warnings=lines, relative_error=error)
-
-    # -- methods -----------------------------------------------------------------------------------
 
     def method(
         self,
@@ -503,8 +497,6 @@ class Scenario(Geometry):
         moved = free.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
         return replace(found, scenario=moved._carrying(found.scene_covariance.text()))
 
-    # -- judgements --------------------------------------------------------------------------------
-
     def check(self, method: "Name | None" = None) -> "list[Note]":
         """Return notes on what the scene and its A lack, before anything is rendered.
 
@@ -589,8 +581,6 @@ class Scenario(Geometry):
         if isinstance(photograph, Photograph):
             return photograph
         return Photograph.of(photograph, self.photograph_shape)
-
-    # -- what things are kept by -------------------------------------------------------------------
 
     @property
     def _bytes(self) -> int:

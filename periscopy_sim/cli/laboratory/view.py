@@ -20,6 +20,7 @@ from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.extras import require_all
 from periscopy_sim.reconstruction.registry import DEFAULT, libraries_of
+from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.pictures import write_png
@@ -62,6 +63,8 @@ def view(
             raise ps.PeriscopyError(f"{flag} needs synthetic photographs; leave it or PHOTO out")
     if mask and photo is None:
         raise ps.PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
+    if ambient:
+        find_condition(ambient)
     session, light, wall = WallSession(scene, hidden, define, mask=mask), None, None
     with progress("loading the scene"):
         from periscopy_sim.live.pictures import Choice
