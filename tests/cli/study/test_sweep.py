@@ -388,8 +388,8 @@ cli.main()
 @pytest.mark.usefixtures("jit")
 def test_sweep_killed_twice_ends_in_the_same_bytes(succeeds, folder):
     succeeds(*command(out="whole"))
-    # In the midst of the matrix, and among the results.
-    for writes in (3, 50):
+    # While the store is begun, and among the results: the trial of the forecast writes, too.
+    for writes in (3, 170):
         code = KILLED.format(writes=writes, arguments=command())
         ended = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True)
         assert ended.returncode == -signal.SIGKILL, ended.stderr
