@@ -53,8 +53,3 @@ class Memo:
     def __reduce__(self) -> tuple[type[Self], tuple[int]]:
         """Leave out what is kept: a worker makes its own."""
         return type(self), (self.most_bytes,)
-
-    def __repr__(self) -> str:
-        """Return how much is kept."""
-        held = sum(size for _, size in self._kept.values())
-        return f"Memo({len(self._kept)} things, {held / 1e6:.0f} MB)"

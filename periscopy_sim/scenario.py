@@ -104,22 +104,14 @@ class Scenario(Geometry):
 
     Attributes
     ----------
-    view
-        What the camera sees of the wall.
-    hidden
-        The hidden surfaces in patches.
+    view, hidden
+        As of `Geometry`, which has the errors, too.
     light
         How A and B are computed.
     seed
         Seed of whatever is rendered.
     memo
         Keeps what was made.
-
-    Raises
-    ------
-    SceneError
-        If the scene has no such hidden surface, single precision does not resolve the places, or
-        of a hidden surface no patch faces what the camera sees of the wall.
     """
 
     light: Light = field(default_factory=Light)
@@ -624,15 +616,6 @@ def _sha256(values: Iterable[Any]) -> tuple[str, ...]:
     from periscopy_sim.storage.outputs.provenance import array_sha256
 
     return tuple(array_sha256(v) if isinstance(v, np.ndarray) else "" for v in values)
-
-
-def checked_scenario(scenario: Any) -> None:
-    """Reject what is no scenario by a PeriscopyError."""
-    if not isinstance(scenario, Scenario):
-        raise PeriscopyError(
-            f"the scene is of type {type(scenario).__name__}: give a scenario, which "
-            "ps.load_scenario(name, hidden=(rows, columns)) returns"
-        )
 
 
 def load_scenario(

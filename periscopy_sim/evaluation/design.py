@@ -25,10 +25,11 @@ from periscopy_sim.measurement import noise_level, noise_to_signal
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.validation import checked_scene
 from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.rendering.transport.bounced import channels_mean
-from periscopy_sim.scenario import Scenario, checked_scenario
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage.outputs.provenance import image_sha256, provenance
 from periscopy_sim.storage.outputs.resume import resumed_folder
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -160,7 +161,7 @@ def design(
     list of dict
         A `Row` for each point; `ranked` sorts them.
     """
-    checked_scenario(scenario)
+    checked_scene(scenario)
     if out is None:
         with TemporaryDirectory() as name:
             return design(

@@ -11,6 +11,7 @@ from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.transport_operator import as_array
 from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.numerics.validation import checked_scene
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
 from periscopy_sim.reconstruction.preconditioned.preconditioner import (
@@ -18,7 +19,7 @@ from periscopy_sim.reconstruction.preconditioned.preconditioner import (
     form_preconditioner,
 )
 from periscopy_sim.rendering.transport.bounced import channels_mean
-from periscopy_sim.scenario import Scenario, checked_scenario
+from periscopy_sim.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ def analyze(
     information. The pixels of the mask count, and photographs with the monitor off, by name, are
     further columns of B. Errors are those of `diagnose` and of `Scenario.transport`.
     """
-    checked_scenario(scenario)
+    checked_scene(scenario)
     scenario = replace(scenario, light=replace(scenario.light, strata="gauss"))
     A, off = channels_mean(scenario.transport()), monitor_off or {}
     white = A.sum(axis=1).reshape(*scenario.photograph_shape, 1)

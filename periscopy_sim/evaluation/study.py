@@ -21,12 +21,13 @@ from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.validation import checked_scene
 from periscopy_sim.numerics.words import WAYS, bounces_in_words
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.rendering.photograph import excess_of
-from periscopy_sim.scenario import Scenario, checked_scenario
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_image, find_scene
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.places import mirrored, place
@@ -134,7 +135,7 @@ def sweep(
     OutputError
         If the folder holds another sweep, or cannot be written.
     """
-    checked_scenario(scenario)
+    checked_scene(scenario)
     if out is None:
         with TemporaryDirectory() as folder:
             return sweep(

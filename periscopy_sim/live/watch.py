@@ -28,12 +28,13 @@ from periscopy_sim.live.session import Job, LiveSession
 from periscopy_sim.methods import find_method
 from periscopy_sim.numerics import Mask
 from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.validation import checked_scene
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.reconstruction.registry import DEFAULT
-from periscopy_sim.scenario import Scenario, checked_scenario
+from periscopy_sim.scenario import Scenario
 
 RECENT = 60
 """Frames whose rate and latency the page shows."""
@@ -361,7 +362,7 @@ def watch(
         If there is no such source or method, the function raises an error, the first two frames
         cannot be used, the port is taken, or an extra is not installed.
     """
-    checked_scenario(scenario)
+    checked_scene(scenario)
     find_method(method)
     checked("average", average, "frames")
     companions = Companions(

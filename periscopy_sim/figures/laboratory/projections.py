@@ -18,8 +18,9 @@ from periscopy_sim.figures.laboratory.geometry import (
 from periscopy_sim.figures.space import show_space
 from periscopy_sim.figures.style import OKABE_ITO, PAGE, STYLE, mpl
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.validation import checked_scene
 from periscopy_sim.rendering.variant import require_vectorized
-from periscopy_sim.scenario import Scenario, checked_scenario
+from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import find_image
 from periscopy_sim.storage.pictures import read_hidden_image
 
@@ -300,7 +301,7 @@ def draw(scenario: Scenario) -> "Figure":
     is how much of the hidden surfaces a point of the wall sees. The fourth panel shows the scene in
     space. A VariantError says that a scalar variant would take an hour.
     """
-    checked_scenario(scenario)
+    checked_scene(scenario)
     require_vectorized("a drawing")
     layout = RoomPlan(scenario)
     low, high, axes = layout.low, layout.high, [*layout.axes]
