@@ -367,7 +367,7 @@ class StillMethod(ABC, Generic[Precision]):
         residual, numbers = None, solution.numbers()
         if self.fit.shape is not None:
             y = self.corrected(photograph, solution)
-            residual = residual_of(y, signal, self.fit, lambda: self.motions(solution))
+            residual = residual_of(y, signal, self.fit, solution.image)
             if not self.judges_scene:
                 residual = replace(residual, diagnosis="unknown")
             numbers = {**numbers, **residual.numbers()}
@@ -389,13 +389,6 @@ class StillMethod(ABC, Generic[Precision]):
         """Return the residual of a photograph whose noise over its light is known, quickly."""
         y = self.corrected(photograph, solution)
         return quick_residual(y, solution.image, noise, self.fit)
-
-    def motions(self, solution: Any) -> Array | None:  # noqa: ARG002
-        """Return what errors of the scene's numbers add to a solution's light, (K, C, M').
-
-        None where the method knows no such errors.
-        """
-        return None
 
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
         """Return the photograph that A f + B c + n describes, (M', C), in the pixels used."""

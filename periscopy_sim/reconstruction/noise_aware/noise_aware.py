@@ -138,7 +138,7 @@ class NoiseAware(StillMethod[np.float64]):
         **scene: Any,
     ) -> None:
         super().__init__(A, B, **scene)
-        self.fit = replace(self.fit, profiles=profiles)
+        self.fit = replace(self.fit, profiles=profiles, uncertain=uncertain)
         if not 0 < regularization < np.inf:
             raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
@@ -146,7 +146,6 @@ class NoiseAware(StillMethod[np.float64]):
         self.positive = positive
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        self.uncertain = uncertain
         self._corrections = corrections
 
     @cached_property
@@ -242,7 +241,7 @@ class NoiseAware(StillMethod[np.float64]):
     def with_errors(self, report: Report, solution: NoiseAwareReconstruction) -> Report:
         """Return a report with standard errors, and notes of the place and of the corrections."""
         response, notes = self._response(solution), correction_notes(solution)
-        counted = [] if self.uncertain is None else list(self.uncertain.names)
+        counted = [] if self.fit.uncertain is None else list(self.fit.uncertain.names)
         numbers = {**report.numbers, "standard_errors_count": counted}
         if response is not None:
             f = self.hidden.vector(solution.image)
@@ -282,16 +281,8 @@ class NoiseAware(StillMethod[np.float64]):
 
     def _response(self, solution: NoiseAwareReconstruction) -> Array | None:
         """Return what the scene's errors do to the image's light; see `Fit.response`."""
-        if self.uncertain is None:
-            return None
-        return self.fit.response(self.uncertain.lights(solution.image, self.fit.mask))
-
-    def motions(self, solution: NoiseAwareReconstruction) -> Array | None:
-        """Return what the scene's errors add to a solution's light; see `StillMethod`."""
-        if self.uncertain is None:
-            return None
-        lights = self.uncertain.lights(solution.image, self.fit.mask)
-        return lights if self.fit.mixing is None else np.asarray(self.fit.mixing @ lights)
+        lights = self.fit.motions(solution.image)
+        return None if lights is None else self.fit.response(lights)
 
     def corrected(self, photograph: Image, solution: NoiseAwareReconstruction) -> Array:
         """Return the photograph without the corrections' light; see `StillMethod`."""

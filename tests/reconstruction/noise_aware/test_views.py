@@ -191,7 +191,7 @@ def test_errors_of_the_scene_move_all_views_together(scene, alike):
     union = ps.NoiseAware(np.concatenate([*A.values()]), uncertain=moved, **PLAIN)
     expected = union.solve(np.concatenate([*y.values()]))
     np.testing.assert_allclose(whole.standard_errors, union.standard_errors(expected), rtol=1e-3)
-    union.uncertain = None
+    union.fit = replace(union.fit, uncertain=None)
     assert (whole.standard_errors > union.standard_errors(expected)).all()
 
 
