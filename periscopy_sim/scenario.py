@@ -141,7 +141,7 @@ class Scenario(Geometry):
     def A(self) -> Any:  # noqa: N802  the symbol
         """(M, N) the light transport matrix, as fine as photographs of 60 dB need.
 
-        It is kept: copy it before you write into it.
+        It is kept, and read-only: copy it before you write into it.
         """
         return self.transport()
 
@@ -155,7 +155,7 @@ class Scenario(Geometry):
             for own in self.light.ambient:
                 if own is not None and own.shape[:1] != (pixels,):
                     raise PeriscopyError(f"B has shape {own.shape}; give it {pixels} rows")
-            return np.hstack([eq4() if B is None else B for B in self.light.ambient])
+            return _read_only(np.hstack([eq4() if B is None else B for B in self.light.ambient]))
 
         return self.memo(
             ("B", self._wall_digest, self._light_key), make, 4 * 512 * self.transport_shape[0]
@@ -202,7 +202,7 @@ class Scenario(Geometry):
         VariantError
             If rays are needed in a scalar variant.
         """
-        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces
+        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces, channels_mean
 
         light, seed = self.light, self.seed
         if light.matrix is not None:
@@ -216,8 +216,11 @@ class Scenario(Geometry):
 
         def make() -> Any:
             strata = {"strata": light.strata}
-            A = plan.transport(self, made, **strata, seed=seed, progress=progress)
-            return A if light.bounces == DIRECT else add_bounces(self, A, light.bounces, seed=seed)
+            A = _read_only(plan.transport(self, made, **strata, seed=seed, progress=progress))
+            if light.bounces != DIRECT:
+                A = add_bounces(self, A, light.bounces, seed=seed)  # to a copy: A is kept, too
+                _read_only(channels_mean(A))
+            return A
 
         key = "A", self._digest, seed, plan, light.strata, light.bounces
         A: NDArray[np.float32] | BouncedTransport = self.memo(key, make, self._bytes)
@@ -252,7 +255,8 @@ class Scenario(Geometry):
         files = {name: (find_image(by_id[name]), shape) for name, shape in shapes}
 
         def make() -> Any:
-            return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
+            images = {n: _read_only(read_hidden_image(*each)) for n, each in files.items()}
+            return self.hidden.unwrapped(images)
 
         changed = [file.stat().st_mtime_ns for file, _ in files.values()]
         return self.memo(("image", *files.items(), *changed), make, 24 * self.hidden.patches)
@@ -604,6 +608,12 @@ class Scenario(Geometry):
         light = self.light
         own = _sha256(light.ambient)
         return light.bounces, light.strata, own, None if light.matrix is None else light
+
+
+def _read_only(array: Any) -> Any:
+    """Return an array that a memo keeps, so that nobody writes into it."""
+    array.setflags(write=False)
+    return array
 
 
 def _members(value: Any) -> list[Any]:

@@ -106,9 +106,12 @@ def reconstruct(
             report = joint.report(wall, solution)
             report, reports = report if several else (report, {session.sensor: report})
             reports = {
-                camera: lit[camera].judge(walls[camera], solution, methods[camera], own)
+                camera: lit[camera].judge(
+                    walls[camera], solution.of_view(camera) if several else solution,
+                    methods[camera], own,
+                )
                 for camera, own in reports.items()
-            }
+            }  # fmt: skip
             report = report if several else reports[session.sensor]
             verdicts = {
                 camera: views[camera].judge(str(file), reports[camera])

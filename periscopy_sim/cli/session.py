@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -307,18 +308,14 @@ class PhotoSession(WallSession):
                 f"photographs: {len(photos)}, cameras: {', '.join(cameras)}; give each photograph "
                 "a --camera of its own, in their order"
             )
-        if len(cameras) == 1:
-            return {cameras[0]: self}
-        check_file_names(self.path, "camera", cameras)
+        if len(cameras) > 1:
+            check_file_names(self.path, "camera", cameras)
         masks = options.files_of_view("--mask", self.mask, cameras)
         off = options.files_of_view("--monitor-off", self.monitor_off, cameras)
-        views = {
-            each: replace(self, camera=[each], mask=masks[each], monitor_off=off[each])
-            for each in cameras
-        }
-        for view in views.values():
-            view.seconds, view.warnings = self.seconds, self.warnings
-            view.settings = self.settings
+        views = {each: copy(self) for each in cameras}
+        for each, view in views.items():
+            view.camera, view.mask, view.monitor_off = [each], masks[each], off[each]
+            view.record = {}
         return views
 
     def judge(self, name: str, report: "Report") -> tuple[str, str]:

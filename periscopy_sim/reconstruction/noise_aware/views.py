@@ -139,7 +139,7 @@ class NoiseAwareViews:
 
         The settings are those of `NoiseAware`. Scenarios of different scenes are an InputError.
         """
-        first = next(iter(scenarios.values()), None)
+        first: Any = next(iter(scenarios.values()), None)
         for camera, each in scenarios.items():
             if (each.path, each.parameters) != (first.path, first.parameters):
                 raise InputError(
@@ -160,13 +160,17 @@ class NoiseAwareViews:
         A photograph of another camera, one that is missing, or other numbers of channels are an
         InputError; further errors are those of `NoiseAware.reconstruct`.
         """
-        methods, values = self._fitted_to(photographs)
-        alone = {camera: method.solve(values[camera]) for camera, method in methods.items()}
-        fits, planes = [method.fit for method in methods.values()], []
-        for (camera, solution), fit in zip(alone.items(), fits, strict=True):
-            assert solution.photograph is not None
-            plane = solution.photograph.planes
-            whole, rest = map(fit.project_out, (fit.vectors(values[camera]).T, plane))
+        if photographs.keys() != self.views.keys():
+            raise InputError(
+                f"there are photographs of {', '.join(photographs)}, the views are "
+                f"{', '.join(self.views)}; give one of each"
+            )
+        alone = {camera: view.solve(photographs[camera]) for camera, view in self.views.items()}
+        seen, planes = [each.photograph for each in alone.values() if each.photograph], []
+        for camera, corrected in zip(alone, seen, strict=True):
+            photograph, plane, fit = photographs[camera], corrected.planes, corrected.fit
+            y = photograph.values if isinstance(photograph, Photograph) else photograph
+            whole, rest = map(fit.project_out, (fit.vectors(y).T, plane))
             # A gain keeps the light of its photograph, whose exposure it would take over else.
             planes.append(plane * (np.vdot(whole, rest) / (np.vdot(rest, rest) or 1.0)))
             if len(plane) != len(planes[0]):
@@ -175,22 +179,22 @@ class NoiseAwareViews:
                     f"{len(planes[0])}; give all views the same channels"
                 )
         noises = np.array([each.noise for each in alone.values()])
-        first = next(iter(methods.values()))
-        sizes = [float(np.linalg.norm(first.hidden.vector(each.image))) for each in alone.values()]
+        together, fits = copy(next(iter(self.views.values()))), [each.fit for each in seen]
+        vector = together.hidden.vector
+        sizes = [float(np.linalg.norm(vector(each.image))) for each in alone.values()]
         start = np.divide(sizes, sizes[0]) if min(sizes) > 0 else np.ones(len(sizes))
         with threadpool_limits(1):  # the bits then do not depend on the number of cores
             s, errors = find_exposures(*seen_patterns(fits, planes), noises, start)
             scales = np.exp(np.mean(np.log(noises[0] / noises), axis=1))  # σ_1/σ_v
-            together = copy(first)
             together.fit = Fit.of_views(fits, s * scales)
-            y = [scale * plane for scale, plane in zip(scales, planes, strict=True)]
-            (evidence,) = together.evidence(np.hstack(y).T[None])
+            scaled = [scale * plane for scale, plane in zip(scales, planes, strict=True)]
+            (evidence,) = together.evidence(np.hstack(scaled).T[None])
             solution, _ = together.recover(evidence)
         solution.warn_unless_converged()
         return ViewsReconstruction(
             **vars(solution),
-            exposures=dict(zip(methods, s.tolist(), strict=True)),
-            exposure_errors=dict(zip(methods, errors.tolist(), strict=True)),
+            exposures=dict(zip(alone, s.tolist(), strict=True)),
+            exposure_errors=dict(zip(alone, errors.tolist(), strict=True)),
             views=alone,
             method=together,
         )
@@ -203,15 +207,14 @@ class NoiseAwareViews:
         The first report has standard errors, warnings of uncertain exposures, and each view's image
         alone as its stages; that of a view has its residual and verdict.
         """
-        methods, values = self._fitted_to(photographs)
         reports = {}
-        for camera, method in methods.items():
+        for camera, view in self.views.items():
             own = solution.of_view(camera)
-            report = StillMethod.report(method, values[camera], own)
+            report = StillMethod.report(view, photographs[camera], own)
             reports[camera] = replace(report, notes=correction_notes(own))
         whole = solution.method.with_errors(Report(numbers=solution.numbers()), solution)
         notes, warnings = [*whole.notes], []
-        first, *others = methods
+        first, *others = self.views
         for camera in others:
             exposure, error = (n[camera] for n in (solution.exposures, solution.exposure_errors))
             number = {"camera": camera, "exposure": exposure, "error": exposure * error}
@@ -220,18 +223,6 @@ class NoiseAwareViews:
                 warnings.append(Note("exposure", {"camera": camera, "percent": 100 * error}))
         stages = [(f"{camera} alone", alone.image) for camera, alone in solution.views.items()]
         return replace(whole, notes=notes, warnings=warnings, stages=stages), reports
-
-    def _fitted_to(
-        self, photographs: Mapping[str, Photograph | Image]
-    ) -> tuple[dict[str, NoiseAware], dict[str, Image]]:
-        """Return the method of each view for its photograph's conditions, and the values."""
-        if photographs.keys() != self.views.keys():
-            raise InputError(
-                f"there are photographs of {', '.join(photographs)}, the views are "
-                f"{', '.join(self.views)}; give one of each"
-            )
-        each = {n: p.values if isinstance(p, Photograph) else p for n, p in photographs.items()}
-        return {n: view.fitted_to(photographs[n]) for n, view in self.views.items()}, each
 
 
 def seen_patterns(fits: Sequence[Fit], planes: Sequence[Array]) -> tuple[Array, Array]:
