@@ -107,7 +107,7 @@ def reconstruct(
             report, reports = report if several else (report, {session.sensor: report})
             reports = {
                 camera: lit[camera].judge(
-                    walls[camera], solution.of_view(camera) if several else solution,
+                    walls[camera], joint.of_view(camera, solution) if several else solution,
                     methods[camera], own,
                 )
                 for camera, own in reports.items()

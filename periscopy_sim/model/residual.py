@@ -19,7 +19,7 @@ all channels and finer than shadows. Each counts by the fraction of the misfit t
 beyond chance: what the T_k explain elsewhere on the wall, and one channel's part of noise.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 

@@ -20,7 +20,7 @@ Images with much black are still 1.1 to 1.6 times too bright there; `make valida
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -65,6 +65,11 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         The photograph, corrected.
     corrections
         The corrections' numbers, by name.
+    exposures, exposure_errors
+        Of several views each one's exposure over the first one's, and its relative standard error;
+        by camera. Noise and image are in units of the first photograph.
+    views
+        Of several views each one's own solution, by camera, with the image of this view alone.
     """
 
     weight: float
@@ -74,10 +79,29 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     evidence: Evidence
     photograph: FittedPhotograph | None = None
     corrections: Mapping[str, Any] = field(default_factory=dict)
+    exposures: Mapping[str, float] = field(default_factory=dict)
+    exposure_errors: Mapping[str, float] = field(default_factory=dict)
+    views: Mapping[str, Self] = field(default_factory=dict)
 
     def numbers(self) -> dict[str, Any]:
-        """Return the noise, the weight, the iterations and the corrections' numbers."""
-        return {**self.corrections, **super().numbers(), "iterations": self.iterations}
+        """Return the noise, the weight, the iterations, corrections' numbers and exposures."""
+        own = {**self.corrections, **super().numbers(), "iterations": self.iterations}
+        of_views = {"exposures": self.exposures, "exposure_errors": self.exposure_errors}
+        return own | (of_views if self.views else {})
+
+    def notes(self) -> list[Note]:
+        """Return notes of exposures, of lines of ambient light and of a gain over the wall."""
+        numbers, notes, (first, *others) = self.corrections, list[Note](), [*self.exposures] or [""]
+        for camera in others:
+            exposure, error = self.exposures[camera], self.exposure_errors[camera]
+            number = {"camera": camera, "exposure": exposure, "error": exposure * error}
+            notes.append(Note("exposure_of", {**number, "first": first}))
+        if numbers.get("ambient_lines_found"):
+            notes.append(Note("ambient_lines"))
+        if numbers.get("wall_gain_found"):
+            low, high = numbers["wall_gain_range"]
+            notes.append(Note("wall_gain", {"low": low, "high": high}))
+        return notes
 
     @property
     def converged(self) -> bool:
@@ -240,15 +264,14 @@ class NoiseAware(StillMethod[np.float64]):
 
     def with_errors(self, report: Report, solution: NoiseAwareReconstruction) -> Report:
         """Return a report with standard errors, and notes of the place and of the corrections."""
-        response, notes = self._response(solution), correction_notes(solution)
+        response, notes = self._response(solution), solution.notes()
         counted = [] if self.fit.uncertain is None else list(self.fit.uncertain.names)
         numbers = {**report.numbers, "standard_errors_count": counted}
         if response is not None:
             f = self.hidden.vector(solution.image)
             places = displacement(self.fit.factor, self.hidden, f, response).tolist()
-            numbers["place_standard_error"] = (
-                places[0] if len(places) == 1 else dict(zip(self.hidden, places, strict=True))
-            )
+            by_id = dict(zip(self.hidden, places, strict=True))
+            numbers["place_standard_error"] = self.hidden.unwrapped(by_id)
             if (most := max(map(max, places))) > UNCERTAIN_PLACE:
                 notes.append(Note("place", {"most": most}))
         errors = self.standard_errors(solution, response)
@@ -293,14 +316,3 @@ class NoiseAware(StillMethod[np.float64]):
     def _mixing(self, channels: int) -> Array:
         """Return the matrix from images to the channels of the evidence, (C, P)."""
         return np.eye(channels) if self.fit.mixing is None else self.fit.mixing
-
-
-def correction_notes(solution: NoiseAwareReconstruction) -> list[Note]:
-    """Return the notes of a gain over the wall and of lines of ambient light, if there are any."""
-    numbers, notes = solution.corrections, []
-    if numbers.get("ambient_lines_found"):
-        notes.append(Note("ambient_lines"))
-    if numbers.get("wall_gain_found"):
-        low, high = numbers["wall_gain_range"]
-        notes.append(Note("wall_gain", {"low": low, "high": high}))
-    return notes

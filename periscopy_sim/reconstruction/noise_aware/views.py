@@ -23,7 +23,7 @@ that such images are equally bright constrains exposures only to a factor of two
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -32,7 +32,7 @@ from scipy import linalg
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.model.ambient import ROUNDING
-from periscopy_sim.model.fit import PRECISION, Fit
+from periscopy_sim.model.fit import PRECISION, Fit, FittedPhotograph
 from periscopy_sim.model.spectral_basis import laplacian
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import InputError
@@ -41,7 +41,6 @@ from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
-    correction_notes,
 )
 
 STRONGEST = 150
@@ -66,38 +65,6 @@ RIDGE = 1e-3
 
 UNCERTAIN = 0.05
 """Relative standard error of an exposure above which a report warns of it."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ViewsReconstruction(NoiseAwareReconstruction):
-    """A hidden image of several views; noise and image are in units of the first photograph.
-
-    Attributes
-    ----------
-    exposures, exposure_errors
-        Each view's exposure over the first one's, and its relative standard error; by camera.
-    views
-        Each view's own solution, by camera; the images are those of each view alone.
-    method
-        The method for all pixels together.
-    """
-
-    _: KW_ONLY
-    exposures: Mapping[str, float]
-    exposure_errors: Mapping[str, float]
-    views: Mapping[str, NoiseAwareReconstruction]
-    method: NoiseAware
-
-    def numbers(self) -> dict[str, Any]:
-        """Return the numbers of the solution and the exposures."""
-        own = {"exposures": self.exposures, "exposure_errors": self.exposure_errors}
-        return {**super().numbers(), **own}
-
-    def of_view(self, camera: str) -> NoiseAwareReconstruction:
-        """Return the solution of a view whose image is that of all, in the view's exposure."""
-        hidden = self.method.hidden
-        light = self.exposures[camera] * hidden.vector(self.image)
-        return replace(self.views[camera], image=hidden.image(light))
 
 
 class NoiseAwareViews:
@@ -154,7 +121,7 @@ class NoiseAwareViews:
         """Return the hidden image, (R, C, channels), of a photograph by each camera."""
         return self.solve(photographs).image
 
-    def solve(self, photographs: Mapping[str, Photograph | Image]) -> ViewsReconstruction:
+    def solve(self, photographs: Mapping[str, Photograph | Image]) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about.
 
         A photograph of another camera, one that is missing, or other numbers of channels are an
@@ -188,41 +155,41 @@ class NoiseAwareViews:
             scales = np.exp(np.mean(np.log(noises[0] / noises), axis=1))  # σ_1/σ_v
             together.fit = Fit.of_views(fits, s * scales)
             scaled = [scale * plane for scale, plane in zip(scales, planes, strict=True)]
-            (evidence,) = together.evidence(np.hstack(scaled).T[None])
-            solution, _ = together.recover(evidence)
+            stack = FittedPhotograph(np.hstack(scaled), together.fit)
+            solution, _ = together.recover(stack.evidence)
         solution.warn_unless_converged()
-        return ViewsReconstruction(
-            **vars(solution),
-            exposures=dict(zip(alone, s.tolist(), strict=True)),
-            exposure_errors=dict(zip(alone, errors.tolist(), strict=True)),
-            views=alone,
-            method=together,
+        exposures = dict(zip(alone, s.tolist(), strict=True))
+        of_each = dict(zip(alone, errors.tolist(), strict=True))
+        return replace(
+            solution, photograph=stack, views=alone, exposures=exposures, exposure_errors=of_each
         )
 
     def report(
-        self, photographs: Mapping[str, Photograph | Image], solution: ViewsReconstruction
+        self, photographs: Mapping[str, Photograph | Image], solution: NoiseAwareReconstruction
     ) -> tuple[Report, dict[str, Report]]:
         """Return what is known of the image, and of each view, by camera.
 
         The first report has standard errors, warnings of uncertain exposures, and each view's image
         alone as its stages; that of a view has its residual and verdict.
         """
-        reports = {}
+        assert solution.photograph is not None
+        reports, together = {}, copy(next(iter(self.views.values())))
+        together.fit = solution.photograph.fit
         for camera, view in self.views.items():
-            own = solution.of_view(camera)
+            own = self.of_view(camera, solution)
             report = StillMethod.report(view, photographs[camera], own)
-            reports[camera] = replace(report, notes=correction_notes(own))
-        whole = solution.method.with_errors(Report(numbers=solution.numbers()), solution)
-        notes, warnings = [*whole.notes], []
-        first, *others = self.views
-        for camera in others:
-            exposure, error = (n[camera] for n in (solution.exposures, solution.exposure_errors))
-            number = {"camera": camera, "exposure": exposure, "error": exposure * error}
-            notes.append(Note("exposure_of", {**number, "first": first}))
-            if error > UNCERTAIN:
-                warnings.append(Note("exposure", {"camera": camera, "percent": 100 * error}))
+            reports[camera] = replace(report, notes=own.notes())
+        whole = together.with_errors(Report(numbers=solution.numbers()), solution)
+        uncertain = {n: 100 * e for n, e in solution.exposure_errors.items() if e > UNCERTAIN}
+        warnings = [Note("exposure", {"camera": n, "percent": e}) for n, e in uncertain.items()]
         stages = [(f"{camera} alone", alone.image) for camera, alone in solution.views.items()]
-        return replace(whole, notes=notes, warnings=warnings, stages=stages), reports
+        return replace(whole, warnings=warnings, stages=stages), reports
+
+    def of_view(self, camera: str, solution: NoiseAwareReconstruction) -> NoiseAwareReconstruction:
+        """Return a view's own solution with the image of all views, in the view's exposure."""
+        hidden = self.views[camera].hidden
+        light = solution.exposures[camera] * hidden.vector(solution.image)
+        return replace(solution.views[camera], image=hidden.image(light))
 
 
 def seen_patterns(fits: Sequence[Fit], planes: Sequence[Array]) -> tuple[Array, Array]:
@@ -243,9 +210,10 @@ def seen_patterns(fits: Sequence[Fit], planes: Sequence[Array]) -> tuple[Array, 
 def find_exposures(G: Array, d: Array, σ: Array, start: Array) -> tuple[Array, Array]:
     """Return the exposures, (V,), 1 first, and their relative standard errors, from a start.
 
-    G and d are those of `seen_patterns`, the σ, (V, C), those of the photographs' noise. To the variance of an exposure adds that of A's rounding, and that of the prior's brightness by
-    the square of the part of the information that the prior has. If Newton's method does not
-    converge, it is an InputError.
+    G and d are those of `seen_patterns`, the σ, (V, C), those of the photographs' noise. To the
+    variance of an exposure adds that of A's rounding, and that of the prior's brightness by the
+    square of the part of the information that the prior has. If Newton's method does not converge,
+    it is an InputError.
     """
     count, channels, m = d.shape
     if not d.any():  # black photographs

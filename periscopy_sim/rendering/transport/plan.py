@@ -21,7 +21,7 @@ from periscopy_sim.analytic.area_transport import (
 )
 from periscopy_sim.errors import ClosedFormError, SceneError
 from periscopy_sim.geometry import Geometry
-from periscopy_sim.hidden import Hidden, Size
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
@@ -190,9 +190,9 @@ def _plan_areas(
     if is_curved:
         coarse = white(across)
         # A curved patch counts as flat where it is cut; a quarter of it errs by a fourth.
+        halves = {name: (2 * R, 2 * C) for name, (R, C) in shapes.items()}
         whole, halved = (
-            white(across, Hidden.of_scene(scenario.scene, sizes))
-            for sizes in (scenario.hidden.shapes, _halved(scenario.hidden.shapes))
+            white(across, Hidden.of_scene(scenario.scene, sizes)) for sizes in (shapes, halves)
         )
         bent = deviation((whole - halved) ** 2)
     while True:
@@ -210,11 +210,6 @@ def _plan_areas(
         across, coarse = 2 * across, fine
     plan = TransportPlan(max(float(np.hypot(error, bent)), PRECISION), None, across)
     return plan, None if is_curved or across > first else A
-
-
-def _halved(sizes: dict[str, Size]) -> dict[str, Size]:
-    """Return the sizes of patches with edges half as long."""
-    return {name: (2 * rows, 2 * columns) for name, (rows, columns) in sizes.items()}
 
 
 def _bends(light: Array, view: View) -> Array:

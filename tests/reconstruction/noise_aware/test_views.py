@@ -69,7 +69,8 @@ def test_views_of_one_exposure_and_noise_are_one_view_of_all_pixels(scene, alike
     solution = alike(fitted(A), y)
     np.testing.assert_allclose(solution.image, expected.image, atol=2e-6)
     np.testing.assert_allclose(solution.noise, expected.noise, rtol=1e-5)
-    np.testing.assert_allclose(solution.method.standard_errors(solution), errors, rtol=1e-3)
+    union.fit = solution.photograph.fit
+    np.testing.assert_allclose(union.standard_errors(solution), errors, rtol=1e-3)
 
 
 def test_exposures_noise_and_ambient_light_are_each_views_own(scene):
