@@ -90,11 +90,8 @@ def _own_code(name: str) -> OwnCode:
     return own
 
 
-def check_able(name: Name, hidden: Hidden, *libraries: str) -> None:
-    """Raise a PeriscopyError if a method does not support these surfaces, or a library is missing.
-
-    These are the method's, and others.
-    """
+def check_able(name: Name, hidden: Hidden) -> None:
+    """Raise a PeriscopyError if a method lacks a library, or does not support these surfaces."""
     entry = entry_of(name)
     if entry and entry.hidden is not None and [*hidden.shapes.values()] != [entry.hidden]:
         rows, columns = entry.hidden
@@ -102,7 +99,7 @@ def check_able(name: Name, hidden: Hidden, *libraries: str) -> None:
             f"method '{name}' learned from one hidden surface of {rows}x{columns} patches alone: "
             "take this size, or train a network of your own"
         )
-    require_all(*libraries_of(label_of(name)), *libraries)
+    require_all(*libraries_of(label_of(name)))
 
 
 def source_sha256(name: Name) -> str | None:

@@ -166,24 +166,21 @@ class Scenario(Geometry):
 
         A method whose entry asks for rays gets them. A noise of None is that of 60 dB.
         """
-        plan: TransportPlan = self._planned(noise, method)[0]
-        return plan
-
-    def _planned(self, noise: float | None, method: "Name") -> Any:
         from periscopy_sim.methods import entry_of
         from periscopy_sim.rendering.transport.plan import NOISE, TransportPlan, planned
 
         light = self.light
         if light.matrix is not None:
             error = light.record.get("transport_error")
-            return TransportPlan(np.nan if error is None else error, is_given=True), None
+            return TransportPlan(np.nan if error is None else error, is_given=True)
         entry = entry_of(method)
         wants_rays = entry is not None and entry.rays and light.by is None
         samples = light.samples or (RAYS if wants_rays else None)
         noise = NOISE if noise is None else noise
         key = "plan", self._digest, self.seed, noise, light.by, samples
-        plan = partial(planned, self, noise, by=light.by, samples=samples, seed=self.seed)
-        return self.memo(key, plan, self._bytes)
+        make = partial(planned, self, noise, by=light.by, samples=samples, seed=self.seed)
+        plan: TransportPlan = self.memo(key, make, self._bytes)
+        return plan
 
     def transport(
         self,
@@ -212,11 +209,11 @@ class Scenario(Geometry):
                     f"A has shape {given}; the scene's camera and patches need {own}"
                 )
             return light.matrix
-        plan, made = self._planned(noise, method)
+        plan = self.plan(noise, method)
 
         def make() -> Any:
             strata = {"strata": light.strata}
-            A = _read_only(plan.transport(self, made, **strata, seed=seed, progress=progress))
+            A = _read_only(plan.transport(self, **strata, seed=seed, progress=progress))
             if light.bounces != DIRECT:
                 A = add_bounces(self, A, light.bounces, seed=seed)  # to a copy: A is kept, too
                 _read_only(channels_mean(A))
@@ -405,7 +402,7 @@ class Scenario(Geometry):
         def make() -> "StillMethod[Any]":
             uncertain, _ = self.uncertainty(name, errors)
             fitted = fit_method(name, self, A, B, photograph, uncertain, **settings)
-            fitted.name, fitted.plan = label_of(name), plan
+            fitted.name, fitted.plan = label_of(name), replace(plan, made=None)
             pixels = np.ones(self.photograph_shape, bool)
             self._check_rank(
                 fitted, plan.samples, pixels if photograph is None else photograph.pixels

@@ -21,7 +21,6 @@ from scipy import linalg
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model import ambient
-from periscopy_sim.model.colour import wall_colour
 from periscopy_sim.model.evidence import Evidence
 from periscopy_sim.model.noise import noise_beside, residual_noise
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
@@ -176,8 +175,25 @@ class Fit:
         return self.conditions.shape if known is None and self.conditions is not None else known
 
     def gain(self, channels: int) -> Array:
-        """Return the wall's colour in so many channels; see `wall_colour`."""
-        return wall_colour(self.channel_gain, channels, self.mask)
+        """Return the wall's colour in so many channels, (1, C), or of each pixel used, (M', C).
+
+        A photograph of one channel shows a texture's mean over the channels, and no colour of an
+        even wall. An InputError says that the channels do not fit.
+        """
+        known = self.channel_gain
+        values = np.ones((1, channels)) if known is None else np.atleast_2d(np.asarray(known))
+        is_even = known is None or np.ndim(known) == 1
+        gain = np.asarray(values if is_even else values[self.kept], np.float64)
+        if gain.shape[1] == channels:
+            return gain
+        if channels == 1:
+            return np.ones((1, 1)) if is_even else gain.mean(axis=1, keepdims=True)
+        if np.allclose(gain, gain[:, :1], rtol=1e-6):
+            return np.tile(gain[:, :1], channels)
+        raise InputError(
+            f"the photograph has {channels} channels, the wall's colour {gain.shape[1]}; make the "
+            f"wall grey in the scene, or give {gain.shape[1]} channels, or one"
+        )
 
     @cached_property
     def mixing(self) -> Array | None:
