@@ -21,7 +21,6 @@ from scipy import linalg
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model import ambient
-from periscopy_sim.model.evidence import Evidence
 from periscopy_sim.model.noise import noise_beside, residual_noise
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
 from periscopy_sim.model.transport_operator import (
@@ -42,6 +41,25 @@ PRECISION = 3e-5
 
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels; it bounds a black channel's noise from below."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The information on the hidden image in one photograph.
+
+    The coefficients are those of y⊥ over its level and A⊥ over a patch's root mean square energy.
+    """
+
+    coefficients: Array  # (C, K) WᵀA⊥ᵀ y⊥ of K patterns, in the camera's channels
+    noise: Array  # (C,) standard deviation of the noise in y⊥, over the level
+    level: float  # root mean square of y⊥
+    noise_to_signal: float  # energy of the noise in y⊥ over that of the signal
+    rest: Image | None = None  # (C, N) A⊥ᵀ y⊥ beyond K < N patterns
+
+    @property
+    def mean_noise(self) -> float:
+        """The σ that λ is counted in: the mean over the channels."""
+        return float(self.noise.mean())
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,8 +26,7 @@ import numpy as np
 
 from periscopy_sim.model.ambient_lines import AmbientLines
 from periscopy_sim.model.correction import Correction
-from periscopy_sim.model.evidence import Evidence
-from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.fit import Evidence, Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.uncertainty import UncertainTransport, displacement, standard_errors
 from periscopy_sim.model.wall_gain import WallGain

@@ -43,4 +43,4 @@ def test_samples_are_of_the_scenes_own_patterns():
     y = light + 1e-3 * light.mean() * rng.standard_normal(light.shape)
     samples = solved(scene, y.reshape(1, 21, 21, 3), image, np.ones(1), "train", False, seed=1)
     assert samples.rows.shape == (20, 20) and samples.curvatures.shape == (20,)
-    assert samples.start.shape == samples.data.shape[:1] + (3, 4, 5)
+    assert samples.start.shape == (1, 3, 4, 5)
