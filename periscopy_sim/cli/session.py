@@ -158,11 +158,12 @@ class Session(options.OptionGroup):
             elif note.code not in but:
                 self.warn(note_sentence(note))
 
-    def warn(self, line: str) -> None:
-        """Print a warning, and keep it for the summary; views of one scene have some in common."""
-        if line not in self.warnings:
-            warn(line)
-            self.warnings.append(line)
+    def warn(self, *lines: str) -> None:
+        """Print warnings, and keep them for the summary; views of one scene share some."""
+        for line in lines:
+            if line not in self.warnings:
+                warn(line)
+                self.warnings.append(line)
 
     def by_surface(self, entries: Sequence[str], flag: str) -> dict[str, str]:
         """Read ``VALUE`` of the only hidden surface, or ``ID=VALUE`` of each, by the ids."""
@@ -179,15 +180,13 @@ class Session(options.OptionGroup):
     def ambient_light(self, name: str, target: float = TARGET) -> "ps.Background":
         """Return ambient light: of a photograph, of no known error, or of a condition."""
         light = self.scenario.ambient(name, target=target, progress=progress)
-        for line in light.warnings:
-            self.warn(line)
+        self.warn(*light.warnings)
         return light
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
         photograph = ps.read_photograph(path, self.scenario.photograph_shape, mask)
-        for warning in photograph.warnings:
-            self.warn(warning)
+        self.warn(*photograph.warnings)
         return photograph
 
     def transport(

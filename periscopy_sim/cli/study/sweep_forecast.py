@@ -125,9 +125,7 @@ class SweepForecast(Watcher):
     def note(self, notes: "Sequence[Note | str]") -> None:
         """Print notes on a scene, or lines."""
         self.session.warn_of(each for each in notes if not isinstance(each, str))
-        for line in notes:
-            if isinstance(line, str):
-                self.session.warn(line)
+        self.session.warn(*(line for line in notes if isinstance(line, str)))
 
     def see(self, world: WorldParts) -> None:
         """Print how long the rest takes, by the parts of the first world and some more."""

@@ -24,7 +24,7 @@ that such images are equally bright constrains exposures only to a factor of two
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,14 +226,14 @@ def find_exposures(G: Array, d: Array, σ: Array, start: Array) -> tuple[Array, 
     widths = np.append(np.full(count - 1, BRIGHTNESS), np.full(channels, RANGE))
     x, step, least = begin, np.zeros(len(begin)), np.inf
     for _ in range(MOST_STEPS):
-        now = evidence_of(x + step, begin, widths, G, d, σ)
-        if now.value > least + ROUNDING * abs(least):
+        value, slopes, curvature, of_prior = evidence_of(x + step, begin, widths, G, d, σ)
+        if value > least + ROUNDING * abs(least):
             step = step / 2
             continue
-        x, least = x + step, now.value
-        λ, V = np.linalg.eigh(now.curvature)
-        step = -V @ (V.T @ now.slopes / np.maximum(np.abs(λ), 1 / RANGE**2))
-        if λ[0] > 0 and -step @ now.slopes < DECREMENT:
+        x, least = x + step, value
+        λ, V = np.linalg.eigh(curvature)
+        step = -V @ (V.T @ slopes / np.maximum(np.abs(λ), 1 / RANGE**2))
+        if λ[0] > 0 and -step @ slopes < DECREMENT:
             break
         step /= max(1.0, np.abs(step / widths).max())
     else:
@@ -241,27 +241,19 @@ def find_exposures(G: Array, d: Array, σ: Array, start: Array) -> tuple[Array, 
             "the exposures of the views cannot be estimated: the evidence has no maximum near "
             "those of each view alone; recover each view alone, and compare their residuals"
         )
-    variances = np.diag(np.linalg.inv(now.curvature))[: count - 1]
-    by_prior = np.minimum(2 * variances * now.of_prior[1:], 1)
+    variances = np.diag(np.linalg.inv(curvature))[: count - 1]
+    by_prior = np.minimum(2 * variances * of_prior[1:], 1)
     errors = np.sqrt(variances + PRECISION**2 + (BRIGHTNESS * by_prior) ** 2)
     return np.exp(np.append(0.0, x[: count - 1])), np.append(0.0, errors)
 
 
-class ExposureEvidence(NamedTuple):
-    """-log p and its derivatives by the logarithms of s_2, … and of μ."""
-
-    value: float
-    slopes: Array  # (V - 1 + C,)
-    curvature: Array  # (V - 1 + C, V - 1 + C)
-    of_prior: Array  # (V,) information on the logarithm of s that the prior has
-
-
 def evidence_of(
     x: Array, begin: Array, widths: Array, G: Array, d: Array, σ: Array
-) -> ExposureEvidence:
-    """Return the evidence at logarithms x, a priori of such widths about where the search begins.
+) -> tuple[float, Array, Array, Array]:
+    """Return −log p, its slopes and curvature by the logarithms x of s_2, … and of μ, and more.
 
-    G, (V, m, m), d, (V, C, m), and σ, (V, C), are those of the views.
+    A priori x has these widths about where the search begins; G, (V, m, m), d, (V, C, m), and σ,
+    (V, C), are those of the views. The last is the information on log s that the prior has, (V,).
     """
     (count, channels, m), size = d.shape, len(d) + d.shape[1]
     s, μ = np.exp(np.append(0.0, x[: count - 1])), np.exp(x[count - 1 :])
@@ -294,4 +286,4 @@ def evidence_of(
     away = (x - begin) / widths
     value += float(away @ away) / 2
     slopes, curvature = slopes[1:] + away / widths, curvature[1:, 1:] + np.diag(widths**-2.0)
-    return ExposureEvidence(value, slopes, curvature, of_prior)
+    return value, slopes, curvature, of_prior
