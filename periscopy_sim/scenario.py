@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -277,7 +278,10 @@ class Scenario(Geometry):
         path = library.find_condition(str(name))
         make = partial(library.ambient_light, path, self, self.seed, target=target, **shown)
         key = "ambient", library.cached_light(path, self, self.seed, target)
-        return self.memo(key, make, 8 * self.view.channel_gain.shape[-1] * len(self.view.centers))
+        size = 8 * self.view.channel_gain.shape[-1] * len(self.view.centers)
+        light: Background = self.memo(key, make, size)
+        _read_only(light.photograph)
+        return light
 
     def photograph(
         self,
@@ -552,15 +556,20 @@ class Scenario(Geometry):
             lowered the residual of this photograph when tried.
         """
         from periscopy_sim import judgement
-        from periscopy_sim.reconstruction.method import StillMethod
+        from periscopy_sim.reconstruction.method import Solution, StillMethod
         from periscopy_sim.rendering.transport.bounced import BouncedTransport
 
         photograph = self._checked(photograph)
-        if not hasattr(solution, "image"):
-            raise PeriscopyError("give the solution that the method's solve(photograph) returns")
         fitted: StillMethod[Any] = (
             method if isinstance(method, StillMethod) else self.method(method, photograph)
         )
+        made: Any = signature(fitted.solve).return_annotation
+        is_known = isinstance(made, type) and issubclass(made, Solution)
+        if not isinstance(solution, made if is_known else Solution):
+            raise PeriscopyError(
+                f"the solution is of type {type(solution).__name__}: give what solve(photograph) "
+                f"of the method {fitted.name} returns, or name the method that returned it"
+            )
         report = fitted.report(photograph, solution) if report is None else report
         images = self.hidden.split(fitted.fit.mixed(solution.image))
         report, warnings = judgement.with_patches_tried(self, report, fitted, images), []

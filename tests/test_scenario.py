@@ -274,6 +274,9 @@ def test_a_solution_of_another_photograph_or_scenario_is_not_judged(wall):
         method = scene.method(name, other)
         with pytest.raises(PeriscopyError, match="another photograph or scenario"):
             scene.judge(y, method.solve(other), scene.method(name, y))
+        for solution in (scene.method("differencing", y).solve(y), np.ones((4, 5, 3))):
+            with pytest.raises(PeriscopyError, match=name):
+                scene.judge(y, solution, name)
 
 
 @pytest.mark.usefixtures("jit")
