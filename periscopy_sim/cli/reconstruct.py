@@ -103,21 +103,15 @@ def reconstruct(
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
         doing = "residual and standard errors"
         with session.timed(doing), output.progress(f"computing {doing}"):
-            report = joint.report(wall, solution)
-            report, reports = report if several else (report, {session.sensor: report})
-            reports = {
-                camera: lit[camera].judge(
-                    walls[camera], joint.of_view(camera, solution) if several else solution,
-                    methods[camera], own,
-                )
-                for camera, own in reports.items()
-            }  # fmt: skip
-            report = report if several else reports[session.sensor]
-            verdicts = {
-                camera: views[camera].judge(str(file), reports[camera])
-                for camera, file in zip(views, photo, strict=True)
-            }
-            for note in report.warnings if several else ():
+            whole, reports = joint.report(wall, solution) if several else (None, {})
+            verdicts = dict[str, tuple[str, str]]()
+            for (camera, view), file in zip(views.items(), photo, strict=True):
+                own = joint.of_view(camera, solution) if several else solution
+                rest = methods[camera], reports.get(camera)
+                reports[camera] = lit[camera].judge(walls[camera], own, *rest)
+                verdicts[camera] = view.judge(str(file), reports[camera])
+            report = whole or reports[session.sensor]
+            for note in whole.warnings if whole else ():
                 session.warn(f"{of}: {messages.note_sentence(note)}")
         titles = (f"photograph of {camera}" if several else "photograph" for camera in walls)
         used = (np.moveaxis(wall.planes, 0, -1) for wall in walls.values())
