@@ -379,8 +379,7 @@ class StillMethod(ABC, Generic[Precision]):
         warnings += [report.verdict] * report.is_doubted
         return replace(report, warnings=warnings)
 
-    @of_all
-    def residual(self, photograph: Image, solution: Any) -> Residual | None:
+    def residual(self, photograph: Photograph | Image, solution: Any) -> Residual | None:
         """Return what the scene and a solution leave of a photograph, and whether it is noise.
 
         The photograph is the corrected one. None where the photograph's rows and columns are

@@ -273,20 +273,16 @@ class NoiseAware(StillMethod[np.float64]):
             numbers["place_standard_error"] = self.hidden.unwrapped(by_id)
             if (most := max(map(max, places))) > UNCERTAIN_PLACE:
                 notes.append(Note("place", {"most": most}))
-        errors = self.standard_errors(solution, response)
+        errors = self.standard_errors(solution)
         return replace(report, numbers=numbers, notes=notes, standard_errors=errors)
 
-    def standard_errors(
-        self, solution: NoiseAwareReconstruction, response: Array | None = None
-    ) -> Array:
+    def standard_errors(self, solution: NoiseAwareReconstruction) -> Array:
         """Return the standard error of each patch of a recovered image, see `model.uncertainty`.
 
         They are (R, C, channels), in units of the image, and assume that A and B are right but for
         the errors of uncertain parameters, that the corrections are, and that what the wall hides
-        of the image varies like what it shows. The `response` is that of `model.uncertainty`, None
-        to compute it.
+        of the image varies like what it shows.
         """
-        response = self._response(solution) if response is None else response
         evidence = solution.evidence
         noise = evidence.noise[:, None]
         errors = standard_errors(
@@ -296,7 +292,7 @@ class NoiseAware(StillMethod[np.float64]):
             self.fit.coordinates(evidence) / noise,
             self.hidden.vector(solution.image),
             solution.weight,
-            response,
+            self._response(solution),
         )
         image: Array = self.hidden.image(errors)
         return image
