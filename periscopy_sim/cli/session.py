@@ -18,7 +18,6 @@ from periscopy_sim.cli import messages, options
 from periscopy_sim.cli.light import LightOptions, MonitorLight
 from periscopy_sim.cli.messages import colour, note_sentence, sentence
 from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
-from periscopy_sim.extras import require_all
 from periscopy_sim.measurement import TARGET
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
@@ -139,8 +138,10 @@ class Session(options.OptionGroup):
 
     def check_scene(self, method: str = "", *libraries: str) -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
+        from periscopy_sim.methods import check_able
+
         scenario = self.scenario  # loading it is a stage of its own
-        require_all(*libraries)
+        check_able(method, scenario.hidden, *libraries)
         with self.timed("check the scene"), progress("checking the scene"):
             self.warn_of(scenario.check(method))
 
