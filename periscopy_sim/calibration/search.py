@@ -195,11 +195,11 @@ class Search:
 
         A SceneError says that the prior's centre is no scene.
         """
-        level = self.coarse
+        level, drawn = self.coarse, self._scanned()
         own = level.look(level.candidate(level.center))
         for T in level.photographs * np.array(COOLING):
             own = self._descended(level, 1, own, T)
-        distinct = _distinct([own, *self._proposed(self._scanned())])[:STARTS]
+        distinct = _distinct([own, *self._proposed(drawn)])[:STARTS]
         first, *others = [self.fine.candidate(look.point) for look in distinct]
         return [first, *filter(_is_scene, others)]
 
