@@ -1,8 +1,9 @@
 """The search for the point that explains photographs best: cooled descents from prior draws.
 
-The evidence has many valleys, because wrong scenes fit with other images. The search draws many
-points from the prior, descends from those that explain most with smooth images, and keeps the best
-after a few steps. Images of few edges in large patches lead from there to other valleys. A descent
+The evidence has many valleys, because wrong scenes fit with other images. So a scan draws many
+points from a prior that is wider than the ruler's, and compares them by smooth images, which is
+cheap, and those that explain most by images of few edges in large patches. From the best of these,
+and from the measured values, descents lead to the valleys' bottoms. A descent
 begins where the evidence counts for little, so that only what the photographs show beyond doubt
 leaves the prior, and goes on as it counts for more and more (a homotopy: Blake and Zisserman,
 Visual Reconstruction, 1987). Fine descents follow from all ends, whose images are nonnegative and
@@ -14,12 +15,14 @@ over all images that have its edges. This descent counts if it cools to 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
 
 import numpy as np
+from scipy import special
 from scipy.special import expit
+from scipy.stats import qmc
 
 from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.prior import FARTHEST
@@ -30,7 +33,7 @@ from periscopy_sim.numerics import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of the coarse descent from the prior's centre, a photograph: from 30 on, the real
-chair loses 1.7 dB. Draws start at the third, where two steps separate good draws from others."""
+chair loses 1.7 dB."""
 
 HOTTEST = 128.0
 """Temperature, a photograph, from which fine descents and the last ones halve it."""
@@ -38,21 +41,18 @@ HOTTEST = 128.0
 STEPS, TRIALS = 2, 4
 """Steps of a descent at each temperature, and trials of a step, each shorter than the last."""
 
-DRAWS, DESCENTS, KEPT = 64, 12, 3
-"""Draws from the prior, the best of them, where coarse descents start, and how many of these go on
-after the first temperature: of a sign's best 14, 3 end well, and are the best 3 after two steps."""
+DRAWS, WIDTH = 256, 1.5
+"""Draws of the scan, and their standard deviations over the prior's, up to `FARTHEST`."""
 
-NUMBERS = 4
-"""Parameters from which all of these draws and descents are made; of fewer, as many fewer. Chosen
-for speed: three of the chair end within 0.24 mm of the truth, as they did after all draws."""
+APART = 0.4
+"""Standard deviations of the prior by which draws differ that are proposed."""
 
-LARGE_COOLING = 32.0, 16.0, 8.0, 4.0
-"""Temperatures of descents in large patches, a photograph. They only propose where fine ones start:
-a chair, whose image they blur, loses 15 dB if no other descents go on."""
+PROPOSED = 24
+"""Draws that explain most with smooth images, which images of few edges then compare."""
 
-LARGE_SURVIVORS = 9, 6, 4, 4
-"""How many descents in large patches go on after each temperature. They start at all coarse ends of
-the first temperature: of a plate's twelve the one that ends well was the last but one."""
+LARGE_COOLING, LARGE_SURVIVORS = (32.0, 8.0), (6, 4, 3)
+"""Temperatures of descents in large patches, a photograph; and how many of these start, and go on
+after each."""
 
 STARTS = 6
 """Most places from which fine descents start, those of smooth images before others."""
@@ -172,6 +172,7 @@ class Search:
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
     # The ends beside the best, of other places of the image, each so many times as likely.
     rivals: list[tuple[Look, float]] = field(default_factory=list, init=False)
+    asides: list[tuple[Array, float]] = field(default_factory=list, init=False)
     _rows: tuple[list[Array], ...] = field(default_factory=lambda: ([], [], [], []), init=False)
 
     @property
@@ -179,46 +180,57 @@ class Search:
         """The rows of `Calibration.path`."""
         return tuple(np.reshape(rows, (-1, len(self.fine.centers) + 1)) for rows in self._rows)
 
-    @property
-    def counts(self) -> tuple[int, int]:
-        """How many points are drawn from the prior, and from how many of them descents start."""
-        part = min(1.0, len(self.coarse.centers) / NUMBERS)
-        return round(part * DRAWS), round(part * DESCENTS)
-
     def visit(self, stage: int, candidate: Candidate) -> None:
         """Add a draw, 0, or a temperature's end: 1 coarse or large, 2 fine, 3 last."""
         values = self.fine.values(candidate.point)
         self._rows[stage].append(np.append(values, candidate.cost))
-        draws, descents = self.counts
-        coarse = descents + KEPT * (len(COOLING) - 3) + len(COOLING)
-        if self.large is not None:
-            coarse += sum(min(most, descents + 1) for most in (descents + 1, *LARGE_SURVIVORS[:-1]))
+        coarse = len(COOLING) + sum(LARGE_SURVIVORS[:-1])
         fine = STARTS + 1 + 2 * len(fine_cooling(self.fine.photographs)) + ROUNDS * (1 + ASIDES)
-        most = draws, coarse, fine, 1
+        most = DRAWS, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
 
     def starts(self) -> list[Candidate]:
-        """Return where fine descents start: at the prior's own coarse end, and at the others.
+        """Return where fine descents start: at the prior's own coarse end, and where a scan leads.
 
         A SceneError says that the prior's centre is no scene.
         """
-        level, random = self.coarse, np.random.default_rng(self.seed)
-        draws, descents = self.counts
-        deviations = level.scene.errors * random.standard_normal((draws, len(level.centers)))
-        drawn = level.center + np.pad(deviations, ((0, 0), (0, len(level.terms))))
-        scenes = []
-        for candidate in map(level.candidate, drawn):
+        level, drawn = self.coarse, self._scanned()
+        own = level.look(level.candidate(level.center))
+        for T in level.photographs * np.array(COOLING):
+            own = self._descended(level, 1, own, T)
+        distinct = _distinct([own, *self._proposed(drawn)])[:STARTS]
+        first, *others = [self.fine.candidate(look.point) for look in distinct]
+        return [first, *filter(_is_scene, others)]
+
+    def _scanned(self) -> list[Candidate]:
+        """Return draws of the prior that differ, those that explain most with smooth images."""
+        level, errors = self.coarse, self.coarse.scene.errors
+        sobol = qmc.Sobol(len(errors), seed=self.seed).random(DRAWS)
+        drawn = np.clip(WIDTH * special.ndtri(sobol), -FARTHEST, FARTHEST) * errors
+        points = level.center + np.pad(drawn, ((0, 0), (0, len(level.terms))))
+        scenes, kept = [], list[Candidate]()
+        for candidate in map(level.candidate, points):
             if _is_scene(candidate):
                 self.visit(0, candidate)
                 scenes.append(candidate)
-        starts = nsmallest(descents, scenes, key=lambda each: each.cost)
-        (own,) = self._coarse_ends([level.look(level.candidate(level.center))], COOLING)
-        hot = self._coarse_ends(map(level.look, starts), COOLING[2:3])
-        cold = self._coarse_ends(hot[:KEPT], COOLING[3:])
-        distinct = _distinct([own, *cold, *self._proposed([own, *hot])])[:STARTS]
-        first, *others = [self.fine.candidate(look.point) for look in distinct]
-        return [first, *filter(_is_scene, others)]
+        for scene in sorted(scenes, key=lambda each: each.cost):
+            steps = [level.values(scene.point - other.point) / errors for other in kept]
+            if len(kept) < PROPOSED and all(np.linalg.norm(step) > APART for step in steps):
+                kept.append(scene)
+        return kept
+
+    def _proposed(self, drawn: Sequence[Candidate]) -> list[Look]:
+        """Return where descents end that start at some draws, the best first."""
+        level, (first, *survivors) = self.large or self.coarse, LARGE_SURVIVORS
+        scenes = filter(_is_scene, (level.candidate(each.point) for each in drawn))
+        looks = [level.look(each) for each in nsmallest(first, scenes, key=lambda each: each.cost)]
+        for T, most in zip(LARGE_COOLING, survivors, strict=True):
+            looks = [self._descended(level, 1, look, T * level.photographs) for look in looks]
+            looks = nsmallest(most, looks, key=lambda look: look.objective)
+            if looks and level is self.large:
+                level, looks = _with_misfit(level, looks)
+        return looks
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
@@ -264,11 +276,15 @@ class Search:
         """Return the first of the likeliest ends aside that is surely better, or the look.
 
         It compares two places by how well they predict pixels, because the image's prior depends
-        on what the border cuts off. Ends in other valleys that may be right become `rivals`.
+        on what the border cuts off. Ends in other valleys that may be right become `rivals`; how
+        well the photographs tell all of them from the look becomes `asides`.
         """
         self.rivals.clear()
-        T, asides, error = look.temperature, map(level.candidate, self._asides(look)), None
-        for aside in nsmallest(ASIDES, asides, key=lambda each: each.misfit_at(T)):
+        self.asides.clear()
+        T, error = look.temperature, None
+        for directions in self._asides(look):
+            candidates = [level.candidate(point) for point in directions]
+            aside = min(candidates, key=lambda each: each.misfit_at(T))
             if _is_scene(aside):
                 end = self._settled(level, level.look(aside, T), look.misfit_at(T))
                 if is_significant(end.penalty, len(look.point)):
@@ -277,22 +293,30 @@ class Search:
                 gain = (error - _prediction_error(level, end)) / SPREAD
                 if expit(gain) > SURE:
                     return end
+                self.asides.append((end.point - look.point, -gain))
                 if expit(gain) > UNLIKELY and _has_barrier(level, look, end):
                     self.rivals.append((end, float(np.exp(gain))))
         return look
 
-    def _asides(self, look: Look) -> Iterator[Array]:
-        """Yield points to which the scene follows images that are fixed a patch aside."""
+    def _asides(self, look: Look) -> Iterator[list[Array]]:
+        """Yield points to which the scene follows images that are fixed a patch aside.
+
+        Those of one list move the image along one axis of a surface.
+        """
         for surface in self.fine.scene.scenario.hidden if self.large is not None else ():
-            for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-                try:
-                    held = self.coarse.holding(look, surface, shift)
-                except PhotographError:  # all that is bright has left the surface
-                    continue
-                end = held.look(held.candidate(look.point))
-                for T in held.photographs * np.array(COOLING[2:4]):
-                    end = descend(held, end, T)
-                yield end.point
+            for axis in np.eye(2, dtype=int):
+                points = []
+                for shift in (axis, -axis):
+                    try:
+                        held = self.coarse.holding(look, surface, tuple(shift.tolist()))
+                    except PhotographError:  # all that is bright has left the surface
+                        continue
+                    end = held.look(held.candidate(look.point))
+                    for T in held.photographs * np.array(COOLING[2:4]):
+                        end = descend(held, end, T)
+                    points.append(end.point)
+                if points:
+                    yield points
 
     def _end(self, level: ResolutionLevel, start: Look) -> tuple[ResolutionLevel, Look]:
         """Return the end of a last descent, and its level; or its start if it stays hot.
@@ -315,25 +339,6 @@ class Search:
         look = descend(level, look, T)
         self.visit(stage, look)
         return look
-
-    def _coarse_ends(self, looks: Iterable[Look], cooling: Sequence[float]) -> list[Look]:
-        """Return where coarse descents end, the best first."""
-        for T in self.coarse.photographs * np.array(cooling):
-            looks = [self._descended(self.coarse, 1, look, T) for look in looks]
-        return sorted(looks, key=lambda look: look.objective)
-
-    def _proposed(self, ends: Sequence[Look]) -> list[Look]:
-        """Return where descents in large patches end that start at coarse ends, the best first."""
-        if (level := self.large) is None:
-            return []
-        candidates = [level.candidate(end.point) for end in ends]
-        looks = [level.look(each) for each in candidates if _is_scene(each)]
-        for T, most in zip(LARGE_COOLING, LARGE_SURVIVORS, strict=True):
-            looks = [self._descended(level, 1, look, T * level.photographs) for look in looks]
-            looks = nsmallest(most, looks, key=lambda look: look.objective)
-            if looks and level is self.large:
-                level, looks = _with_misfit(level, looks)
-        return looks
 
     def _cooled(self, level: ResolutionLevel, stage: int, look: Look, T: float) -> Look:
         """Return the end of a descent, or its start where the prior forbids the end or one before.

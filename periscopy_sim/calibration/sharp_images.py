@@ -11,9 +11,10 @@ noise is white, with F dimensions beyond the ambient light and an unknown σ_c. 
 and f̂ is the noise-aware image of σ and 2 λ. V also counts the edges to the dark beyond the
 borders. Otherwise the objective favours places where part of the image lies beyond them. The
 noise-aware image ignores these edges, so the slope is up to 1.45 times too large where the image is
-bright at a border. ‖A⊥‖_F counts edges
-in units of their light on the wall: without it, the scene that needs the darkest image would be the
-best.
+bright at a border. ‖A⊥‖_F counts edges in units of their light on the wall: without it, the scene
+that needs the darkest image would be the best. V has σ √N/‖A⊥‖_F added, the radiance of one patch
+that the noise lets see: else a black image had a density without bound, and scenes that explain
+nothing would be the best.
 """
 
 from __future__ import annotations
@@ -71,7 +72,8 @@ class SharpImages:
                 f = self.hidden.vector(solution.image)
                 residual = method.fit.project_out(light - (A @ f).T)
                 noise = np.sqrt(np.sum(residual**2, axis=1) / freedom) + darkest
-                variation = differences.variation_in_the_dark(f) + darkest / method.fit.norm
+                visible = float(np.sqrt(np.mean(noise**2) * A.shape[1])) / method.fit.norm
+                variation = differences.variation_in_the_dark(f) + visible
                 λ = 2 * dimensions / variation
                 shown = replace(shown, noise=noise / shown.level, noise_to_signal=0.0)
                 method.regularization = λ * float(noise.mean()) / method.fit.norm

@@ -102,3 +102,17 @@ def test_ambient_light_alone_has_a_black_image(wall: tuple[Array, Array, Array])
     motion = np.ones((1, len(A), 3))
     np.testing.assert_allclose(explanation.beyond_image(motion), motion, rtol=1e-6)
     np.testing.assert_allclose(smoothness(HIDDEN, np.zeros_like(image)), smoothness(HIDDEN))
+
+
+def test_a_scene_that_explains_nothing_is_no_better(wall: tuple[Array, Array, Array]) -> None:
+    """Its image is black, in many patches beside few pixels."""
+    A, Q, y = wall
+    y = y + 0.05 * np.random.default_rng(6).standard_normal(y.shape)
+    fine = np.repeat(A / 2, 2, axis=1)[:, np.argsort(np.arange(2 * PATCHES) % 2, kind="stable")]
+    span = np.linalg.qr(y - Q @ (Q.T @ y))[0]
+    right, wrong = (
+        SharpImages(Hidden.of((12, 5))).explain(each, Q, y)
+        for each in (fine, fine - span @ (span.T @ fine))
+    )
+    assert wrong.lights.max() < 1e-9 < right.lights.max()
+    assert right.cost < wrong.cost
