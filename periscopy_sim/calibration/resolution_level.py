@@ -16,8 +16,10 @@ from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
 from periscopy_sim.calibration.pixel_averages import footprints
 from periscopy_sim.calibration.sharp_images import SharpExplanation, SharpImages
 from periscopy_sim.errors import SceneError
+from periscopy_sim.model.transport_operator import NOTHING_LEFT
 from periscopy_sim.model.wall_gain import polynomials
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.validation import InputError
 
 DEGREE, SPREAD = 2, 0.07
 """Degree of the polynomial of the gain over the wall, and deviation of each coefficient."""
@@ -191,18 +193,18 @@ class ResolutionLevel:
         return replace(self, noise=white).candidate(point)
 
     def candidate(self, point: Array) -> Candidate:
-        """Return the photographs explained at a point."""
+        """Return the photographs explained at a point, by nothing where it makes no scene."""
         scene, averages = self.finer or (self.scene, self.footprints)
+        lights = [self.noise.whitened(np.hstack([*group.light])) for group in self.groups]
         try:
             A = averages @ scene.transport(self.values(point))
-        except SceneError:
+            bright = self.noise.whitened(self.gain(point)[:, None] * A)
+            explained = tuple(
+                group.images.explain(bright, self.background, light)
+                for group, light in zip(self.groups, lights, strict=True)
+            )
+        except (SceneError, InputError):  # it makes no scene, or no shadow is in view
             return Candidate(point, (), self.penalty(point))
-        bright = self.noise.whitened(self.gain(point)[:, None] * A)
-        lights = [self.noise.whitened(np.hstack([*group.light])) for group in self.groups]
-        explained = tuple(
-            group.images.explain(bright, self.background, light)
-            for group, light in zip(self.groups, lights, strict=True)
-        )
         return Candidate(point, explained, self.penalty(point))
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
@@ -211,7 +213,8 @@ class ResolutionLevel:
         A, changes = self.scene.linearized(self.values(point))
         S, gain = self.footprints, self.gain(point)[:, None]
         bright = gain * (S @ A)
-        explanations = candidate.explanations
+        if not (explanations := candidate.explanations):
+            raise SceneError(f"scene '{self.scene.scenario.path}': {NOTHING_LEFT}")
         volume = self.noise.whitened(np.sum([each.volume for each in explanations], axis=0))
         at_points = S.T @ (gain * volume)
         volumes = [float(np.vdot(at_points, dA)) for dA in changes]

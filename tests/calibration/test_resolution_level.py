@@ -13,6 +13,7 @@ from periscopy_sim.calibration.prior import UncertainParameters, free_parameters
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.resolution_level import SPREAD, Group, ResolutionLevel
 from periscopy_sim.calibration.search import descend
+from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.testing import derivative_test
@@ -131,3 +132,14 @@ def test_the_prior_is_normal(small: Small) -> None:
         point = level.center.copy()
         point[k] += 2 * error
         assert level.penalty(point) == pytest.approx(4)
+
+
+def test_a_point_without_shadows_is_no_scene(small: Small) -> None:
+    """A scan may put what casts them where no pixel sees it: ambient light then explains all."""
+    level = small.level()
+    assert level.finer is not None
+    scene, averages = level.finer
+    bare = replace(level, background=np.linalg.qr(averages @ scene.transport(level.centers))[0])
+    assert bare.candidate(level.center).explanations == ()
+    with pytest.raises(SceneError):
+        bare.look(bare.candidate(level.center))
