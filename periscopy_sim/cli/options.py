@@ -17,7 +17,7 @@ from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import RANGES, SMALLEST, in_range, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
-from periscopy_sim.shipped import find_image
+from periscopy_sim.shipped import DARK, find_image
 from periscopy_sim.storage.outputs.places import place
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -50,10 +50,23 @@ def _existing_images(value: Any) -> Any:
     return value
 
 
+def _existing_light(value: str | None) -> str | None:
+    """Return the name of a condition, or a photograph's file, that exists; None of no light."""
+    from periscopy_sim.storage.ambient_library import find_condition, is_photograph
+
+    if value in (None, DARK):
+        return None
+    if not is_photograph(value):
+        find_condition(str(value))
+    return value
+
+
 def _callback_of(form: str) -> Callable[[Any], Any] | None:
     """Return what looks for the files of an option of this form, before a scene is loaded."""
     if "IMAGE" in form:
         return _existing_images
+    if form == "LIGHT":
+        return _existing_light
     return _existing_files if "CAMERA=" in form else None
 
 

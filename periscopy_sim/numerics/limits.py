@@ -11,7 +11,7 @@ from typing import Any
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
-from periscopy_sim.numerics.validation import InputError, checked_number
+from periscopy_sim.numerics.validation import InputError, checked_number, checked_numbers
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -87,12 +87,14 @@ def number_of(text: str) -> float:
         return math.nan
 
 
-def size_of(text: str) -> tuple[int, int]:
-    """Read ROWSxCOLUMNS."""
-    size = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text, re.IGNORECASE)
-    if not size:
-        raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
-    return int(size[1]), int(size[2])
+def size_of(given: Any) -> tuple[int, int]:
+    """Return a size, (rows, columns), of two whole numbers or of text: ROWSxCOLUMNS."""
+    text = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", str(given), re.IGNORECASE)
+    sides = [*map(int, text.groups())] if text else given
+    if isinstance(sides, str) or not isinstance(sides, Iterable) or len(sides := [*sides]) != 2:
+        raise InputError(f"'{given}' is not a size; write ROWSxCOLUMNS, such as 29x36")
+    rows, columns = checked_numbers(sides, f"the size {given}", *RANGES["side"], whole=True)
+    return int(rows), int(columns)
 
 
 def read_regular(path: Path, most: int = MOST_TEXT) -> bytes:

@@ -175,6 +175,8 @@ def rendering_of(
         is_image = each.ndim == 3 and each.shape[2] == 3 and each.size > 0
         if not (is_image and 0 <= each.min() <= each.max() < np.inf):
             raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
+    if not any(each.any() for each in images.values()):
+        raise InputError("the hidden image is black: no light reaches the wall; show another one")
     for name, number in (("samples", samples), ("bounces", bounces)):
         if number is not None:
             checked_number(number, name, 1, whole=True)

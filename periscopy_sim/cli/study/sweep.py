@@ -20,6 +20,7 @@ from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
 from periscopy_sim.reconstruction.registry import libraries_of
+from periscopy_sim.shipped import DARK
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -67,7 +68,7 @@ def sweep(
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
     from periscopy_sim.cli.study.sweep_forecast import SweepForecast
-    from periscopy_sim.evaluation.study import DARK, conditions_of
+    from periscopy_sim.evaluation.study import conditions_of
     from periscopy_sim.evaluation.workers import thread_count
 
     names = options.parse_list("--methods", methods)

@@ -65,16 +65,11 @@ def text_of(value: Any) -> str:
     return text if len(text) < 200 else f"{text[:200]} ..."
 
 
-def _rows_and_columns(value: Any) -> Any:
-    return value if isinstance(value, list | tuple) else size_of(text_of(value))
-
-
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number, no text or truth value."""
 
-Side = Annotated[int, Field(strict=True, ge=1, le=10_000)]
-RowsAndColumns = Annotated[tuple[Side, Side], BeforeValidator(_rows_and_columns)]
-"""Rows and columns, written as ROWSxCOLUMNS."""
+RowsAndColumns = Annotated[tuple[int, int], BeforeValidator(size_of)]
+"""Rows and columns, written as ROWSxCOLUMNS or [ROWS, COLUMNS]."""
 
 Sizes = Annotated[
     Annotated[RowsAndColumns, Tag("one")] | Annotated[dict[str, RowsAndColumns], Tag("several")],
