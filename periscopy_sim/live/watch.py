@@ -177,12 +177,16 @@ class WatchSession(LiveSession):
 
     def report(self, line: str) -> None:
         """Print a line, unless one of its kind was just printed, and show it on the page."""
-        self.notice, now = line, time.monotonic()
-        kind = re.sub(r"[\d.]", "", line.rpartition(": ")[2])
-        if now > self._said.get(kind, -np.inf) + REPEATS:
-            self._say(line)
-        self._said[kind], self._expires = now, now + NEWS
+        self.notice, self._expires = line, time.monotonic() + NEWS
+        self._print(line)
         self.gate.publish(**self._status())
+
+    def _print(self, *lines: str) -> None:
+        for line in lines:
+            kind, now = re.sub(r"[\d.]", "", line.rpartition(": ")[2]), time.monotonic()
+            if now > self._said.get(kind, -np.inf) + REPEATS:
+                self._say(line)
+            self._said[kind] = now
 
     def _status(self) -> dict[str, list[str]]:
         """Return the numbers, the verdict and what has just happened, for the page."""
@@ -306,6 +310,8 @@ class WatchSession(LiveSession):
             verdict = fitted.judge(self.photograph())
             if verdict and fitted is self._fitted:
                 self.verdict = verdict
+                doubts = [*self._describe(replace(verdict, notes=()))]
+                self._print(*doubts[verdict.verdict.code == "fits" :])
                 self.gate.publish(**self._status())
 
 
