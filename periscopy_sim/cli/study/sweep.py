@@ -41,9 +41,12 @@ _SEEDS = "Noise draws for each background and SBR."
 _SNRS = "Signal-to-noise ratios of Gaussian noise: 40,60 or 40:80:5; the signal includes light."
 SBRS, SNRS, PLACES = "0.1,1,10", "60", "overcast,low_sun,ceiling_panels"
 PATCHES = "29x36"
+OPTIONS = "sbr", "snr", "samples", "model", "hidden"
+"""Options that are axes, too."""
 
 
 def sweep(
+    context: typer.Context,
     session: Annotated[WallSession, {"hidden": [PATCHES]}],
     light: LightOptions,
     out: options.Store,
@@ -60,7 +63,7 @@ def sweep(
     snr: Annotated[str, option("DB", _SNRS)] = SNRS,
     seeds: Annotated[int, option("NUMBER", _SEEDS, kind="count")] = 1,
     scheduler: options.Scheduler = None,
-    study: StudyOption = None,  # noqa: ARG001, it has become the other options' defaults
+    study: StudyOption = None,
     example: ExampleOption = False,  # noqa: ARG001
 ) -> None:
     """Compare methods over ambient light, SBRs, and any other axis.
@@ -76,11 +79,15 @@ def sweep(
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
-    given = {"sbr": sbr != SBRS, "snr": snr != SNRS, "samples": light.samples, "model": light.model}
-    given["hidden"] = session.hidden != [PATCHES]
-    for name in (*session.definitions, *(name for name, value in given.items() if value)):
-        if name in axes:
-            raise ps.PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
+    # A study's entries have become the other options' defaults.
+    of_study = [each.partition("=")[0] for each in (context.default_map or {}).get("vary", ())]
+    sources = {name: context.get_parameter_source(name) for name in OPTIONS}
+    names_of = {"DEFAULT": "", "DEFAULT_MAP": str(study)}
+    given = {n: names_of.get(each.name, f"--{n}") for n, each in sources.items() if each}
+    for name, by in {**dict.fromkeys(session.definitions, "-D"), **given}.items():
+        if by and name in axes:
+            vary = f"{study}: vary" if name in of_study else "--vary"
+            raise ps.PeriscopyError(f"{vary} {name}: {by} gives {name}, too; give one of them")
     places = options.parse_list("--ambient", ambient)
     if places == [DARK] and given["sbr"]:
         raise ps.PeriscopyError(f"--sbr: --ambient {DARK} has no SBR; leave one of them out")
