@@ -90,7 +90,7 @@ class Light:
         if self.samples is not None:
             checked("samples", self.samples, "rays")
         if self.bounces is not None:
-            checked("bounces", self.bounces, "samples")
+            checked("bounces", self.bounces, "bounces")
 
     @property
     def prototypes(self) -> list[str]:

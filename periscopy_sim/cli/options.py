@@ -72,7 +72,7 @@ def _callback_of(form: str) -> Callable[[Any], Any] | None:
 
 def option(
     form: str,
-    words: str,
+    words: str = "",
     *names: str,
     group: str | None = None,
     limits: tuple[float, float] | None = None,
@@ -81,11 +81,14 @@ def option(
 ) -> Any:
     """Return an option: the form of its value, its help in words, the rest as typer takes it.
 
-    `limits` are of its number, or of its kind in `RANGES`.
+    `limits` are of its number, or those of its kind in `RANGES`, whose help serves where there are
+    no words.
     """
-    words = words.replace("[", r"\[")  # rich takes a bracket for the start of a style
+    words = (words or RANGES[kind].help).replace(
+        "[", r"\["
+    )  # rich takes a bracket for the start of a style
     more.setdefault("callback", _callback_of(form))
-    if limits := RANGES[kind] if kind else limits:
+    if limits := RANGES[kind].ends if kind else limits:
         least, most = limits
 
         def within(value: float | None) -> float | None:
@@ -154,7 +157,6 @@ _MODEL = (
 )
 _BOUNCES = "Light of the monitor in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Ambient light to remove: Eq. 4's point lights, or columns of a file; repeatable."
-_SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient light."
 
 SceneArgument = Annotated[str, argument("SCENE", _SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
@@ -191,9 +193,9 @@ def place_of(text: str) -> Path:
 
 Store = Annotated[Path, option("FOLDER", _STORE, group=OUTPUT, parser=place_of)]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
-Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]
-Snr = Annotated[float, option("DB", _SNR, kind="decibels")]
-OptionalSnr = Annotated[float | None, option("DB", _SNR, kind="decibels")]
+Seed = Annotated[int, option("NUMBER", group=EXPERT, kind="seed")]
+Snr = Annotated[float, option("DB", kind="decibels")]
+OptionalSnr = Annotated[float | None, option("DB", kind="decibels")]
 Scheduler = Annotated[str | None, option("ADDRESS", _SCHEDULER, group=EXPERT)]
 
 

@@ -26,7 +26,7 @@ from periscopy_sim.live.preparation import Companions, RunningAverage
 from periscopy_sim.live.session import Control, Describe, Job, LiveSession, button, slider
 from periscopy_sim.methods import find_method
 from periscopy_sim.numerics import Mask
-from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.limits import RANGES, checked
 from periscopy_sim.numerics.validation import checked_scene
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
@@ -43,9 +43,6 @@ JUDGED = 10.0
 
 NEWS, REPEATS = 10.0, 60.0
 """Seconds that the page shows a line; without one of its kind, before it is printed again."""
-
-MOST_AVERAGED = 1000.0
-"""Frames of the longest running average: half a minute of a video."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +148,7 @@ class WatchSession(LiveSession):
 
     def further_controls(self) -> Mapping[str, Control]:
         """Return the controls of the average and its monitor-off frame."""
-        number = Movable("Average", self.count, 1.0, MOST_AVERAGED, 1.0, "frames")
+        number = Movable("Average", self.count, *RANGES["count"].ends, 1.0, "frames")
         set_count = lambda value: setattr(self, "count", round(value))  # noqa: E731
         labels = "Take the average as the monitor-off frame", "Drop the monitor-off frame"
         return {
@@ -369,7 +366,7 @@ def watch(
     """
     checked_scene(scenario)
     find_method(method)
-    checked("average", average, "frames")
+    checked("average", average, "count")
     companions = Companions(
         marks, mask, 0.0, None if dark is None else sensor_image(dark, "the dark frame"),
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},

@@ -25,6 +25,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.ambient.background import DIRECT_SAMPLES, RAY, Part, refined
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
@@ -177,10 +178,11 @@ def rendering_of(
             raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
     if not any(each.any() for each in images.values()):
         raise InputError("the hidden image is black: no light reaches the wall; show another one")
-    for name, number in (("samples", samples), ("bounces", bounces)):
+    numbers = {"bounces": bounces, "seed": seed, "camera samples": samples}
+    for kind, number in numbers.items():
         if number is not None:
-            checked_number(number, name, 1, whole=True)
-    snr, seed = checked_number(snr, "snr"), int(checked_number(seed, "seed", 0, whole=True))
+            checked(kind.rpartition(" ")[2], number, kind)
+    snr = checked_number(snr, "snr")  # it may be that of faint light beside ambient light
     report, target = progress or (lambda _: None), allowed_error(snr)
     scene = scenario.scene
     # Pictures have the film's pixels.

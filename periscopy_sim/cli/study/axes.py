@@ -27,7 +27,7 @@ def parse_values(text: str, flag: str) -> list[Any]:
         is_range = ":" in text and np.isfinite([number_of(each) for each in text.split(":")]).all()
         values = [] if is_range else [each.strip() for each in words]
     if not (in_range("count", len(values)) and all(map(str, values))):
-        form = "1,2,5, or 0:1:5, or 0.1:10:log:9, at most {:,}".format(RANGES["count"][1])
+        form = "1,2,5, or 0:1:5, or 0.1:10:log:9, at most {:,}".format(RANGES["count"].most)
         raise PeriscopyError(f"{flag} '{text}': write values as {form}")
     if len({*values}) < len(values):
         raise PeriscopyError(f"{flag} '{text}': give each value once")

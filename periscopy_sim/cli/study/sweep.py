@@ -86,8 +86,8 @@ def sweep(
     given = {n: names_of.get(each.name, f"--{n}") for n, each in sources.items() if each}
     for name, by in {**dict.fromkeys(session.definitions, "-D"), **given}.items():
         if by and name in axes:
-            vary = f"{study}: vary" if name in of_study else "--vary"
-            raise ps.PeriscopyError(f"{vary} {name}: {by} gives {name}, too; give one of them")
+            axis = f"{study}: vary" if name in of_study else "--vary"
+            raise ps.PeriscopyError(f"{axis} {name}: {by} gives {name}, too; give one of them")
     places = options.parse_list("--ambient", ambient)
     if places == [DARK] and given["sbr"]:
         raise ps.PeriscopyError(f"--sbr: --ambient {DARK} has no SBR; leave one of them out")
