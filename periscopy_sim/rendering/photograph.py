@@ -178,10 +178,10 @@ def rendering_of(
             raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
     if not any(each.any() for each in images.values()):
         raise InputError("the hidden image is black: no light reaches the wall; show another one")
-    numbers = {"bounces": bounces, "seed": seed, "camera samples": samples}
-    for kind, number in numbers.items():
+    kinds = ("samples", samples, "camera samples"), ("bounces", bounces, "bounces")
+    for name, number, kind in (*kinds, ("seed", seed, "seed")):
         if number is not None:
-            checked(kind.rpartition(" ")[2], number, kind)
+            checked(name, number, kind)
     snr = checked_number(snr, "snr")  # it may be that of faint light beside ambient light
     report, target = progress or (lambda _: None), allowed_error(snr)
     scene = scenario.scene

@@ -100,8 +100,7 @@ def sweep(
     wall = None if photograph is None else session.wall(photograph)
     mask, monitor_off = session.companions() if wall is None else (None, None)
     texts = {"sbr": sbr, "snr": snr}
-    kept = [n for n in texts if n not in axes and not (n == "sbr" and places == [DARK])]
-    levels = {name: parse_values(texts[name], f"--{name}") for name in kept}
+    levels = {name: parse_values(texts[name], f"--{name}") for name in texts if given[name]}
     watcher = SweepForecast(session, thread_count(scheduler))
     results = ps.sweep(
         session.lit(light), shown, out, methods=names, ambient=places, flips=flips,
