@@ -21,7 +21,7 @@ LINES, BLOCKS = 256, 8
 """Rows and columns of pixels, at least, in which two photographs are compared, and of blocks."""
 
 LEAST_CHANGE, BEYOND = 0.01, 5.0
-"""Root mean square change of blocks that is no noise, over the light, and over what white noise has:
+"""Root mean square change of blocks that is no noise, over the light and over what white noise has:
 noise alone has 1.3 of that at most in 600 draws. Pictures on a chair's wall differ by 0.04 to 0.14
 of the light, at SBR 1 by 0.02 to 0.07."""
 
