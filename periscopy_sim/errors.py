@@ -89,11 +89,42 @@ def in_words(message: str) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the question for what is most like an unknown name; empty where nothing is."""
-    from difflib import get_close_matches
+    """Return the question for what is most like an unknown name; empty where nothing is.
 
-    near = get_close_matches(name.lower(), names := {each.lower(): each for each in known}, 1)
-    return f"did you mean '{names[near[0]]}'?" if near else ""
+    A third of its letters may differ; its words may stand in another order, or be its beginning.
+    """
+    name, nearest, least = name.lower(), "", max(1, len(name) // 3) + 1
+    for each in known:
+        other = each.lower()
+        far = len(other) - len(name)
+        if other.startswith(name) and len(name) > 2:
+            edits = 1
+        elif abs(far) >= least:
+            continue
+        else:
+            ways = ((name, other), tuple(" ".join(sorted(_PARTS.split(n))) for n in (name, other)))
+            edits = min(_edits(*way) for way in ways)
+        if edits < least:
+            nearest, least = each, edits
+    return f"did you mean '{nearest}'?" if nearest else ""
+
+
+_PARTS = re.compile(r"[^a-z0-9]+")
+"""What stands between the words of a name."""
+
+
+def _edits(one: str, other: str) -> int:
+    """Return how many letters change, come, go or swap with the next from one text to another."""
+    rows: list[list[int]] = [[*range(len(other) + 1)]]
+    for i, letter in enumerate(one, 1):
+        row = [i]
+        for j, wanted in enumerate(other, 1):
+            ways = [rows[-1][j] + 1, row[-1] + 1, rows[-1][j - 1] + (letter != wanted)]
+            if i > 1 and j > 1 and (letter, one[i - 2]) == (other[j - 2], wanted):
+                ways.append(rows[-2][j - 2] + 1)
+            row.append(min(ways))
+        rows.append(row)
+    return rows[-1][-1]
 
 
 def path_fault(path: str | os.PathLike[str]) -> str:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import InputError, checked_numbers, plain_array
+from periscopy_sim.numerics.limits import size_of
+from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.scene import MONITOR, Scene
 
 GAUSS = 0.5 / np.sqrt(3.0)
@@ -22,8 +23,8 @@ GAUSS = 0.5 / np.sqrt(3.0)
 Size: TypeAlias = tuple[int, int]
 """(rows, columns)."""
 
-Sizes: TypeAlias = Size | Mapping[str, Size]
-"""(R, C) of the only hidden surface, or of each by its id."""
+Sizes: TypeAlias = Size | str | Mapping[str, Size | str]
+"""(R, C), or ROWSxCOLUMNS, of the only hidden surface, or of each by its id."""
 
 
 def named(stem: str, by_id: Any) -> dict[str, Any]:
@@ -174,15 +175,12 @@ class Hidden(Mapping[str, Surface]):
         return hidden
 
     @classmethod
-    def of(cls, hidden: "Hidden | Size | Mapping[str, Size]") -> "Hidden":
+    def of(cls, hidden: "Hidden | Sizes") -> "Hidden":
         """Return a hidden, or flat surfaces of sizes (R, C), whose patches are all alike."""
         if isinstance(hidden, Hidden):
             return hidden
         sizes: Any = hidden if isinstance(hidden, Mapping) else {MONITOR: hidden}
-        for name, size in sizes.items():
-            if len(checked_numbers(size, f"the size of '{name}'", 1, whole=True)) != 2:
-                raise InputError(f"the size of '{name}' is {size}: give (rows, columns)")
-        return cls({name: Surface.flat((int(R), int(C))) for name, (R, C) in sizes.items()})
+        return cls({name: Surface.flat(size_of(size)) for name, size in sizes.items()})
 
     def __getitem__(self, name: str) -> Surface:
         """Return a surface by its id."""
@@ -286,12 +284,17 @@ class Hidden(Mapping[str, Surface]):
     def images(self, image: "Image | Mapping[str, Image]") -> dict[str, NDArray[Any]]:
         """Return the image of each surface by its id, of any size; an InputError if one lacks."""
         images = image if isinstance(image, Mapping) else {next(iter(self)): image}
+        in_order = self.by_id(images)
+        return {n: plain_array(each, f"the image of '{n}'") for n, each in in_order.items()}
+
+    def by_id(self, images: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what a mapping has for each surface, in order; an InputError if one lacks."""
         if images.keys() != self.keys():
             raise InputError(
                 f"there are images of {', '.join(images)}, the hidden surfaces are "
                 f"{', '.join(self)}; give an image of each by its id"
             )
-        return {name: plain_array(images[name], f"the image of '{name}'") for name in self}
+        return {name: images[name] for name in self}
 
     def vector(self, image: "Image | Mapping[str, Image]") -> NDArray[Any]:
         """Return an image, (R, C, ...), or a mapping of such by id, as (N, ...): see `image`."""

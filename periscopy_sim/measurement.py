@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.limits import SMALLEST
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.validation import InputError, checked_number, plain_array
 
 TARGET = 3e-4
@@ -36,7 +36,7 @@ def composite(signal: Image, background: Image, sbr: float) -> Array:
     )
     if signal.shape != background.shape:
         raise InputError(f"signal {signal.shape} and background {background.shape} differ in shape")
-    sbr = checked_number(sbr, "sbr", SMALLEST, math.inf)
+    checked("sbr", sbr, "sbr")
     if not (signal.mean() > 0 and background.mean() > 0):
         raise InputError("signal and background must have a positive mean")
     total = signal / signal.mean() + background / (background.mean() * sbr)

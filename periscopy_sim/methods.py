@@ -4,7 +4,7 @@ import hashlib
 import inspect
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -128,6 +128,15 @@ def entry_of(name: Name) -> MethodEntry | None:
     return METHODS.get(label_of(name))
 
 
+def key_of(name: Name) -> Hashable:
+    """Return a method's name, or a factory; of one without a hash its id, while it lives."""
+    try:
+        hash(name)
+    except TypeError:
+        return id(name)
+    return name
+
+
 def _file_of(name: Name) -> Path | None:
     """Return the file of a user's own method; None for one of `METHODS`, or without a file."""
     if isinstance(name, str):
@@ -178,7 +187,7 @@ def own_errors(name: Name, what: str) -> Iterator[None]:
     It names the method and the consequence `what`, such as "cannot be fitted"; see
     `own_code.own_errors`. Errors of `METHODS` pass.
     """
-    if name in METHODS:
+    if isinstance(name, str) and name in METHODS:
         yield
     else:
         with own_code.own_errors(f"method '{label_of(name)}' {what}", _file_of(name)):
@@ -279,9 +288,10 @@ class OwnMethod(StillMethod[np.float64]):
 
     @of_all
     def solve(self, photograph: Image) -> Solution[np.float64]:
-        """Return the method's image; a ValueError unless (R, C, channels), real and finite.
+        """Return the method's image, (R, C, channels), real and finite.
 
-        Of several surfaces the method returns a mapping of such by id.
+        Of several surfaces the method returns a mapping of such by id. A PeriscopyError names the
+        method, and what it raised, or returned instead.
         """
         light = plain_array(photograph)
         if self.fit.mixing is not None:
@@ -290,8 +300,9 @@ class OwnMethod(StillMethod[np.float64]):
             light = np.moveaxis(self.fit.placed(planes), 0, -1)
         mask = None if self.fit.mask is None else self.fit.mask.reshape(light.shape[:-1])
         light = blackened(light, mask)
-        channels = light.shape[-1]
-        found = checked_images(self.method.reconstruct(light), self.hidden, channels)
+        channels, method = light.shape[-1], self.method
+        with own_errors(self._entry.name, "failed"):
+            found = checked_images(method.reconstruct(light), self.hidden, channels)
         image = self.hidden.image(self.hidden.join(found).astype(np.float64))
         return Solution(image, np.zeros(channels), 0.0)
 

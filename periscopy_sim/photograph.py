@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
+from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, plain_array
 
 LARGEST_CONDITION = 100.0
 """Condition number from which a matrix no longer separates two primaries: real cameras have 2 to
@@ -42,17 +42,23 @@ class ColourMatrix:
         values = np.asarray(self.matrix)
         is_real = values.ndim == 2 and values.size and values.dtype.kind in "iuf"
         if not is_real or not np.isfinite(values).all():
-            raise ValueError(
+            raise InputError(
                 "a colour matrix is (channels, primaries) finite real numbers, not of shape "
                 f"{values.shape} and type {values.dtype}"
             )
         channels, primaries = values.shape
         if channels < primaries or np.linalg.cond(values) > LARGEST_CONDITION:
-            raise ValueError(
+            raise InputError(
                 "two primaries look alike to the camera: the colour matrix, (channels, primaries), "
                 f"is {channels} x {primaries} and of too low a rank"
             )
         object.__setattr__(self, "matrix", values.astype(np.float64))
+
+    @classmethod
+    def of(cls, matrix: "ColourMatrix | ArrayLike | None") -> "ColourMatrix | None":
+        """Return a colour matrix, of an array too; None for the identity."""
+        is_made = matrix is None or isinstance(matrix, ColourMatrix)
+        return matrix if is_made else cls(np.asarray(matrix))  # type: ignore[return-value]
 
     def mix(self, light: Image) -> Array:
         """Return light in the camera's channels, (..., C), from light in the primaries."""
@@ -83,7 +89,7 @@ class Photograph:
         True where methods use the photograph; None for everywhere.
     monitor_off : mapping of str to (rows, columns, C) float64
         Photographs of the same wall with the monitor off, by name; in any unit, of any exposure.
-    colour_matrix : ColourMatrix or None
+    colour_matrix : ColourMatrix, array or None
         From the monitor's primaries, in which hidden images are, to the camera's channels; None for
         the identity.
     warnings : tuple of str
@@ -100,6 +106,7 @@ class Photograph:
     relative_error: float | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "colour_matrix", ColourMatrix.of(self.colour_matrix))
         for name, light in self.monitor_off.items():
             if light.shape != self.values.shape:
                 raise PhotographError(
@@ -121,7 +128,7 @@ class Photograph:
         *,
         mask: Mask | None = None,
         monitor_off: Mapping[str, ArrayLike] | Sequence[ArrayLike] | None = None,
-        colour_matrix: ColourMatrix | None = None,
+        colour_matrix: ColourMatrix | ArrayLike | None = None,
         warnings: tuple[str, ...] = (),
     ) -> "Photograph":
         """Return a checked photograph from arrays, which are copied.
@@ -158,7 +165,7 @@ class Photograph:
             off = {f"monitor-off photograph {k}": each for k, each in enumerate(off, 1)}
         size = light.shape[0], light.shape[1]
         dark = {each: _checked(values, size, each, mask) for each, values in off.items()}
-        return cls(light, mask, dark, colour_matrix, warnings)
+        return cls(light, mask, dark, ColourMatrix.of(colour_matrix), warnings)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -23,9 +23,11 @@ from periscopy_sim.measurement import (
 from periscopy_sim.memo import Memo
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.validation import is_name
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
+from periscopy_sim.shipped import DARK, find_image
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -82,10 +84,14 @@ class Light:
             raise PeriscopyError(
                 f"by '{self.by}': light comes by areas or by rays, or None chooses"
             )
+        if self.matrix is not None and (self.by, self.samples) != (None, None):
+            raise PeriscopyError(
+                "samples and by choose how A is computed; leave them out beside a matrix"
+            )
         if self.samples is not None:
             checked("samples", self.samples, "rays")
         if self.bounces is not None:
-            checked("bounces", self.bounces, "samples")
+            checked("bounces", self.bounces, "bounces")
 
     @property
     def prototypes(self) -> list[str]:
@@ -240,60 +246,66 @@ class Scenario(Geometry):
             return error, A
         return error, add_bounces(self, A, light.bounces, seed=seed)
 
-    def image(self, names: str | Path | Mapping[str, str]) -> Any:
-        """Read the hidden image, (R, C, 3), of a file or a shipped picture, in these patches.
+    def image(self, image: Any) -> Any:
+        """Return the hidden image, (R, C, 3), of a picture in these patches.
 
-        Of several surfaces it is a mapping by id; one name is shown by all of them.
+        The picture is a file, a shipped one's name or an array, see `read_hidden_image`. Of several
+        surfaces it is a mapping by id; one picture is shown by all of them.
         """
-        from periscopy_sim.shipped import find_image
         from periscopy_sim.storage.pictures import read_hidden_image
 
-        by_id = names if isinstance(names, Mapping) else dict.fromkeys(self.hidden, str(names))
-        shapes = self.hidden.shapes.items()
-        files = {name: (find_image(by_id[name]), shape) for name, shape in shapes}
+        hidden, shapes = self.hidden, self.hidden.shapes
+        by_id = image if isinstance(image, Mapping) else dict.fromkeys(hidden, image)
+        given = {n: find_image(e) if is_name(e) else e for n, e in hidden.by_id(by_id).items()}
 
         def make() -> Any:
-            images = {n: _read_only(read_hidden_image(*each)) for n, each in files.items()}
-            return self.hidden.unwrapped(images)
+            pictures = {n: read_hidden_image(given[n], shapes[n]) for n in hidden}
+            return hidden.unwrapped({n: _read_only(each) for n, each in pictures.items()})
 
-        changed = [file.stat().st_mtime_ns for file, _ in files.values()]
-        return self.memo(("image", *files.items(), *changed), make, 24 * self.hidden.patches)
+        if not all(map(is_name, given.values())):
+            return make()
+        changed = [file.stat().st_mtime_ns for file in given.values()]
+        key = "image", *given.items(), *shapes.values(), *changed
+        return self.memo(key, make, 24 * hidden.patches)
 
-    def ambient(
-        self, name: str | Path, *, target: float = TARGET, progress: Any = None
-    ) -> "Background":
+    def ambient(self, light: Any, *, target: float = TARGET, progress: Any = None) -> "Background":
         """Return ambient light on the wall, of a shipped condition or a scene file, and its error.
 
-        It is rendered once for a wall, and kept in the user's cache. A photograph's file has no
-        known error. `target` is the relative error of a pixel to reach.
+        It is rendered once for a wall, and kept in the user's cache. A photograph, (rows, columns,
+        C) in any unit or its file, has no known error; ``none`` is black. `target` is the relative
+        error of a pixel to reach.
         """
         from periscopy_sim.rendering.ambient.background import Background
         from periscopy_sim.storage import ambient_library as library
         from periscopy_sim.storage.photographs import read_photograph
 
-        if library.is_photograph(str(name)):
-            photograph = read_photograph(Path(name), self.photograph_shape)
+        if is_name(light) and str(light) == DARK:
+            black = np.zeros((*self.photograph_shape, self.channel_gain.shape[-1]))
+            return Background(black, 0.0, 0.0)
+        if library.is_photograph(light):
+            read: Any = read_photograph if is_name(light) else Photograph.of
+            photograph = read(light, self.photograph_shape)
             return Background(photograph.values, 0.0, 0.0, warnings=photograph.warnings)
         shown = {} if progress is None else {"progress": progress}
-        path = library.find_condition(str(name))
+        path = library.find_condition(str(light))
         make = partial(library.ambient_light, path, self, self.seed, target=target, **shown)
         key = "ambient", library.cached_light(path, self, self.seed, target)
         size = 8 * self.view.channel_gain.shape[-1] * len(self.view.centers)
-        light: Background = self.memo(key, make, size)
-        _read_only(light.photograph)
-        return light
+        background: Background = self.memo(key, make, size)
+        _read_only(background.photograph)
+        return background
 
     def photograph(
         self,
         image: Any,
         *,
-        ambient: str | Path | None = None,
+        ambient: Any = None,
         sbr: float | None = None,
         snr: float | None = None,
         bounces: int | None = None,
         samples: int | None = None,
         target: float = TARGET,
-        colour_matrix: ColourMatrix | None = None,
+        colour_matrix: ColourMatrix | Array | None = None,
         progress: Progress | None = None,
     ) -> Photograph:
         """Render the photograph of the wall while the hidden surfaces show an image.
@@ -301,10 +313,10 @@ class Scenario(Geometry):
         Parameters
         ----------
         image
-            (R, C, 3) linear radiance along the normal, of any R and C; of several surfaces a
-            mapping of such by id.
+            (R, C, 3) linear radiance along the normal, of any R and C, or a name as of `image`; of
+            several surfaces a mapping of such by id.
         ambient, sbr, target
-            Ambient light, see `ambient`, the signal-to-background ratio, and the light's error.
+            Ambient light as of `ambient`, the signal-to-background ratio, and the light's error.
         snr
             Signal-to-noise ratio, in dB, of the noise that is added. The photograph's own error is
             at most a third of it, within a budget. None adds none, and renders for 60 dB.
@@ -331,12 +343,16 @@ class Scenario(Geometry):
         from periscopy_sim.rendering.photograph import SNR, excess_of, rendering_of
         from periscopy_sim.storage.ambient_library import is_photograph
 
+        ambient = None if is_name(ambient) and str(ambient) == DARK else ambient
         if (ambient is None) != (sbr is None):
             raise PeriscopyError("ambient light and an SBR go together; give both or neither")
+        if any(map(is_name, image.values() if isinstance(image, Mapping) else [image])):
+            image = self.image(image)
         for name, value, kind in (("snr", snr, "decibels"), ("sbr", sbr, "ratio")):
             if value is not None:
                 checked(name, [value], kind)
-        mixed = np.asarray if colour_matrix is None else colour_matrix.mix
+        colours = ColourMatrix.of(colour_matrix)
+        mixed = np.asarray if colours is None else colours.mix
         light = None if ambient is None else self.ambient(ambient, target=target)
         purpose = SNR if snr is None else snr
         noise = noise_to_signal(purpose, np.inf)
@@ -349,14 +365,14 @@ class Scenario(Geometry):
         )  # fmt: skip
         y, error = mixed(rendered.photograph), rendered.relative_error
         if light is not None and sbr is not None:
-            is_seen = is_photograph(str(ambient))  # in the camera's channels
+            is_seen = is_photograph(ambient)  # in the camera's channels
             behind = light.photograph if is_seen else mixed(light.photograph)
             error = composite_error(y, behind, sbr, error, light.relative_error)
             y = composite(y, behind, sbr)
         y = y if snr is None else add_noise(y, snr, self.seed)
         lines = excess_of(error, purpose) if samples is None or snr is not None else ()
         lines = (*(light.warnings if light else ()), *lines)
-        return Photograph(y, colour_matrix=colour_matrix, warnings=lines, relative_error=error)
+        return Photograph(y, colour_matrix=colours, warnings=lines, relative_error=error)
 
     def method(
         self,
@@ -393,7 +409,7 @@ class Scenario(Geometry):
         ValueError
             If it cannot be fitted.
         """
-        from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
+        from periscopy_sim.methods import entry_of, fit_method, key_of, label_of, source_sha256
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
         source = source_sha256(name)  # rejects what is no method before anything is rendered
@@ -420,7 +436,7 @@ class Scenario(Geometry):
             )
         known = None if errors is None else tuple(sorted(errors.items()))
         key = (
-            *("method", name, source, self._digest, self.seed, plan, conditions),
+            *("method", key_of(name), source, self._digest, self.seed, plan, conditions),
             *(self._light_key, known, *sorted(settings.items())),
         )
         entry = entry_of(name) or METHODS[DEFAULT]
@@ -639,7 +655,7 @@ def load_scenario(
     hidden: Sizes,
     parameters: Mapping[str, str | float] | None = None,
     *,
-    photograph: tuple[int, int] | None = None,
+    photograph: tuple[int, int] | str | None = None,
     camera: str = CAMERA,
     light: Light | None = None,
     seed: int = 0,
@@ -663,12 +679,14 @@ def load_scenario(
     scene
         A Mitsuba XML file, the name of a shipped scene, or a scene that was loaded.
     hidden
-        (R, C), rows and columns of the hidden image; of several surfaces a mapping of such by id.
+        (R, C), rows and columns of the hidden image, or text such as ``29x36``; of several surfaces
+        a mapping of such by id.
     parameters
         Values for the file's ``<default>``s.
     photograph
-        (rows, columns) into which the camera's field of view is cut; None for the film's own
-        pixels. Another cut serves transport matrices and closed forms; pictures have the film's.
+        (rows, columns), or such text, into which the camera's field of view is cut; None for the
+        film's own pixels. Another cut serves transport matrices and closed forms; pictures have
+        the film's.
     camera
         Id of the sensor.
     light

@@ -16,6 +16,9 @@ REALISTIC = (
 )  # fmt: skip
 """Ambient scenes in which no edge of direct sun crosses the field of view."""
 
+DARK = "none"
+"""Names the lack of ambient light."""
+
 ADVERSARIAL = ("stained_glass", "snow")
 """Ambient scenes made to break the model of ambient light, as in the paper's Fig. 5."""
 
@@ -35,7 +38,7 @@ def find_scene(name: str | Path) -> Path:
     Names are ``chair``, ``scenes/chair.xml`` or ``ambient/ceiling_panels``. A SceneError lists what
     there is.
     """
-    return _find(Path(name), "", ".xml", "scene", SceneError)
+    return _find(name, "", ".xml", "scene", SceneError)
 
 
 def find_image(name: str | Path) -> Path:
@@ -43,15 +46,20 @@ def find_image(name: str | Path) -> Path:
 
     A PhotographError lists what there is.
     """
-    return _find(Path(name), "images", ".png", "image", PhotographError)
+    return _find(name, "images", ".png", "image", PhotographError)
 
 
-def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]) -> Path:
+def _find(
+    name: str | Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]
+) -> Path:
     try:
-        is_file = path.is_file()
+        is_file = (path := Path(name)).is_file()
+    except TypeError:
+        kind = type(name).__name__
+        raise error(f"the {what} is of type {kind}; name a file or a shipped {what}") from None
     except (OSError, ValueError) as reason:  # no file system has such a name
         text = getattr(reason, "strerror", None) or reason
-        raise error(f"{what} '{path}': {text}; name a file or a shipped {what}") from None
+        raise error(f"{what} '{name}': {text}; name a file or a shipped {what}") from None
     place = path.absolute() if is_file else path
     if fault := path_fault(place):
         raise error(f"{what} '{place}' {fault}")

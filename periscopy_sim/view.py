@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array, Image, Mask
+from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.scene import CAMERA, WALL, Occluder, Scene
 
 POINT_SIDE = 1e-6
@@ -74,7 +75,7 @@ class View:
     def of(
         cls,
         scene: Scene,
-        shape: tuple[int, int] | None = None,
+        shape: tuple[int, int] | str | None = None,
         *,
         across: int = 1,
         camera: str = CAMERA,
@@ -86,7 +87,8 @@ class View:
         scene
             The scene.
         shape
-            (rows, columns) into which the field of view is cut; None for the film's own pixels.
+            (rows, columns), or ROWSxCOLUMNS, into which the field of view is cut; None for the
+            film's own pixels.
         across
             Points along each side of a pixel, over which the pixel is averaged; 1 is its centre.
         camera
@@ -98,7 +100,8 @@ class View:
             If there is no such sensor, a pixel misses the wall, or the wall is none that A can
             treat; see `load_scenario`.
         """
-        view: View = scene.source.view(scene, shape, across, camera)
+        size = None if shape is None else size_of(shape)
+        view: View = scene.source.view(scene, size, across, camera)
         return view
 
     @property

@@ -1,7 +1,8 @@
 import operator
 import pickle
+import re
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -127,6 +128,7 @@ def test_neighbours_rise_above_a_wall_that_bends_towards_the_room_and_not_else()
 
 LIT = np.linspace(1, 2, 576)[:, None]  # ambient light in place of Eq. 4's 512 columns
 RAYS = ps.Light(by="rays", samples=4, ambient=(LIT,))
+FREE = {"by": None, "samples": None}
 
 
 def chair(light=RAYS, seed=0, **parameters):
@@ -156,8 +158,8 @@ def test_a_method_is_kept_until_what_it_depends_on_changes(wall, tmp_path, monke
     scene, y = wall
     mask = np.ones((24, 24), bool)
     mask[3:9, 4:8] = False
-    changes = {"samples": 8}, {"ambient": (LIT**2,)}, {"strata": "gauss"}, {"matrix": scene.A}
-    lights = [replace(RAYS, **each) for each in changes]
+    changes = {"samples": 8}, {"ambient": (LIT**2,)}, {"strata": "gauss"}
+    lights = [replace(RAYS, **each) for each in (*changes, {"matrix": scene.A, **FREE})]
     monkeypatch.chdir(tmp_path)
     own = tmp_path / "own.py"
     own.write_text(OWN)
@@ -227,7 +229,9 @@ def test_a_pickled_scenario_makes_the_same_anew(wall):
 def test_a_given_matrix_is_used(wall):
     scene, y = wall
     A = np.ascontiguousarray(scene.A[:, ::-1])
-    given = replace(scene, light=replace(RAYS, matrix=A, record={"transport_error": 0.25}))
+    given = replace(
+        scene, light=ps.Light(ambient=(LIT,), matrix=A, record={"transport_error": 0.25})
+    )
     assert given.A is A and given.plan().by == "file" and given.plan().error == 0.25
     turned = given.method("iterative", y).reconstruct(y)[::-1, ::-1]
     np.testing.assert_allclose(turned, scene.method("iterative", y).reconstruct(y), rtol=1e-3)
@@ -235,7 +239,7 @@ def test_a_given_matrix_is_used(wall):
 
 def test_a_given_matrix_stays_with_its_scene(wall):
     scene, y = wall
-    given = replace(scene, light=replace(RAYS, matrix=scene.A))
+    given = replace(scene, light=ps.Light(ambient=(LIT,), matrix=scene.A))
     with pytest.raises(PeriscopyError, match="one scene"):
         given.at(occluder_dx=0.03)
     given.method("noise-aware", y)  # counts errors of the scene's numbers
@@ -248,7 +252,7 @@ def test_a_given_matrix_with_bounces_lacks_no_light_that_bounces(wall):
     y = ps.Photograph(add_noise(scene.photograph(image, bounces=2).values, 60, 1))
     codes = []
     for matrix in (scene.A, A):
-        given = replace(scene, light=replace(RAYS, matrix=matrix))
+        given = replace(scene, light=ps.Light(ambient=(LIT,), matrix=matrix))
         fitted = given.method("iterative", y)
         codes.append([note.code for note in given.judge(y, fitted.solve(y), fitted).warnings])
     assert "bounces" in codes[0] and "bounces" not in codes[1]
@@ -309,3 +313,84 @@ def replaced(stand_in):
         return replace(value, **changes)
 
     return set_or_replace
+
+
+@pytest.mark.usefixtures("jit")
+def test_sizes_pictures_and_light_are_taken_in_each_of_their_forms(tmp_path):
+    scenes = [
+        ps.load_scenario("chair", hidden, photograph=film)
+        for hidden, film in (
+            ((4, 5), (24, 24)),
+            ("4x5", "24X24"),
+            (np.array([4, 5]), [24, 24]),
+            ({"monitor": "4x5"}, (24.0, 24)),
+        )
+    ]
+    assert {str(each) for each in scenes} == {str(scenes[0])}
+    np.testing.assert_array_equal(*(ps.Hidden.of(size).centers for size in ((4, 5), "4x5")))
+    scene, bars = chair(), ps.read_hidden_image("scenes/images/bars.png", "8x10")
+    image = scene.image(bars)
+    np.testing.assert_allclose(image, scene.image("bars"), atol=1e-6)
+    pictures = "bars", {"monitor": "bars"}, image, {"monitor": scene.image("bars")}
+    mono = np.eye(3)
+    ys = [
+        scene.photograph(each, ambient=light, bounces=1, colour_matrix=mono)
+        for each, light in zip(pictures, (None, "none", None, "none"), strict=True)
+    ]
+    for y in ys:
+        np.testing.assert_allclose(y.values, ys[0].values, rtol=1e-5)
+    light = np.linspace(1, 2, 24 * 24 * 3).reshape(24, 24, 3)
+    np.save(tmp_path / "light.npy", light)
+    lit = [
+        scene.photograph("bars", ambient=each, sbr=1, bounces=1).values
+        for each in (light, ps.Photograph.of(light), tmp_path / "light.npy")
+    ]
+    np.testing.assert_array_equal(lit[0], lit[1])
+    np.testing.assert_array_equal(lit[0], lit[2])
+    assert not scene.ambient("none").photograph.any()
+    assert isinstance(ys[0].colour_matrix, ps.ColourMatrix)
+
+
+@dataclass
+class Unhashable:
+    image: object
+
+    def __call__(self, scenario, A, B):  # noqa: ARG002
+        return SimpleNamespace(reconstruct=lambda _: self.image)
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (lambda _: ps.load_scenario("chair", 9), "'9' is not a size"),
+        (lambda _: ps.load_scenario("chair", (9.5, 9)), "9.5"),
+        (lambda _: ps.load_scenario("chair", (True, 9)), "True"),
+        (lambda _: ps.load_scenario("chair", (9, 9), photograph=24), "'24'"),
+        (lambda _: ps.load_scenario(1, (9, 9)), "int"),
+        (lambda _: ps.find_image(1), "int"),
+        (lambda _: ps.flips(np.ones((2, 2, 3))), "by name"),
+        (lambda _: ps.make_dataset("nowhere.yaml", "out"), r"nowhere\.yaml"),
+        (lambda _: ps.Light(matrix=np.ones((2, 2)), samples=4), "samples"),
+        (lambda s: s.photograph(np.zeros((4, 5, 3))), "black"),
+        (lambda s: s.photograph("bars", ambient="none", sbr=1), "SBR"),
+        (lambda s: s.photograph("bars", ambient=np.ones((2, 2, 3)), sbr=1), "2 x 2"),
+        (lambda s: s.photograph({"card": "bars"}), "card"),
+        (lambda s: s.photograph("bars", colour_matrix=np.ones(3)), "colour matrix"),
+        (lambda s: ps.sweep(s, np.ones((4, 5, 3))), "ndarray"),
+        (lambda s: ps.sweep(s, "bars", ambient=np.ones((24, 24, 3))), "ndarray"),
+    ],
+)
+def test_the_door_names_what_it_cannot_take(call, named, jit):  # noqa: ARG001
+    with pytest.raises(PeriscopyError, match=named):
+        call(chair())
+
+
+@pytest.mark.parametrize("shape", [(4, 4, 3), (4, 5)])
+def test_a_method_that_returns_another_shape_is_named_with_both(wall, shape):
+    scene, y = wall
+    own = Unhashable(np.ones(shape))
+    fitted = scene.method(own, y)
+    assert scene.method(own, y) is fitted and scene.method(Unhashable(0), y) is not fitted
+    with pytest.raises(PeriscopyError, match=re.escape(str(shape))) as raised:
+        fitted.solve(y)
+    assert "Unhashable" in str(raised.value) and "(4, 5, 3)" in str(raised.value)

@@ -11,9 +11,10 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import LARGEST, SMALLEST, number_of
+from periscopy_sim.numerics.validation import listed
 from periscopy_sim.scene import RULER_ERROR, SceneDocument
 
-Free = Sequence[str] | Mapping[str, float | None]
+Free = str | Sequence[str] | Mapping[str, float | None]
 """Names of free parameters, or names with the errors of their measured values."""
 
 
@@ -170,7 +171,7 @@ def free_parameters(
     if free is None:
         return {name: e for name, e in declared.items() if e > 0 and name not in held}
     errors: dict[str, float] = {}
-    for name in free:
+    for name in listed(free):
         error = free[name] if isinstance(free, Mapping) else None
         if error is None and name not in declared:
             start_values(document, [name])

@@ -17,7 +17,7 @@ from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics.limits import RANGES, SMALLEST, in_range, number_of, size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
-from periscopy_sim.shipped import find_image
+from periscopy_sim.shipped import DARK, find_image
 from periscopy_sim.storage.outputs.places import place
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -50,16 +50,29 @@ def _existing_images(value: Any) -> Any:
     return value
 
 
+def _existing_light(value: str | None) -> str | None:
+    """Return the name of a condition, or a photograph's file, that exists; None of no light."""
+    from periscopy_sim.storage.ambient_library import find_condition, is_photograph
+
+    if value in (None, DARK):
+        return None
+    if not is_photograph(value):
+        find_condition(str(value))
+    return value
+
+
 def _callback_of(form: str) -> Callable[[Any], Any] | None:
     """Return what looks for the files of an option of this form, before a scene is loaded."""
     if "IMAGE" in form:
         return _existing_images
+    if form == "LIGHT":
+        return _existing_light
     return _existing_files if "CAMERA=" in form else None
 
 
 def option(
     form: str,
-    words: str,
+    words: str = "",
     *names: str,
     group: str | None = None,
     limits: tuple[float, float] | None = None,
@@ -68,11 +81,14 @@ def option(
 ) -> Any:
     """Return an option: the form of its value, its help in words, the rest as typer takes it.
 
-    `limits` are of its number, or of its kind in `RANGES`.
+    `limits` are of its number, or those of its kind in `RANGES`, whose help serves where there are
+    no words.
     """
-    words = words.replace("[", r"\[")  # rich takes a bracket for the start of a style
+    words = (words or RANGES[kind].help).replace(
+        "[", r"\["
+    )  # rich takes a bracket for the start of a style
     more.setdefault("callback", _callback_of(form))
-    if limits := RANGES[kind] if kind else limits:
+    if limits := RANGES[kind].ends if kind else limits:
         least, most = limits
 
         def within(value: float | None) -> float | None:
@@ -141,7 +157,6 @@ _MODEL = (
 )
 _BOUNCES = "Light of the monitor in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Ambient light to remove: Eq. 4's point lights, or columns of a file; repeatable."
-_SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient light."
 
 SceneArgument = Annotated[str, argument("SCENE", _SCENE)]
 SceneOption = Annotated[str, option("SCENE", _SCENE, group=SCENE)]
@@ -178,9 +193,9 @@ def place_of(text: str) -> Path:
 
 Store = Annotated[Path, option("FOLDER", _STORE, group=OUTPUT, parser=place_of)]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
-Seed = Annotated[int, option("NUMBER", "Seed of random draws.", group=EXPERT, kind="seed")]
-Snr = Annotated[float, option("DB", _SNR, kind="decibels")]
-OptionalSnr = Annotated[float | None, option("DB", _SNR, kind="decibels")]
+Seed = Annotated[int, option("NUMBER", group=EXPERT, kind="seed")]
+Snr = Annotated[float, option("DB", kind="decibels")]
+OptionalSnr = Annotated[float | None, option("DB", kind="decibels")]
 Scheduler = Annotated[str | None, option("ADDRESS", _SCHEDULER, group=EXPERT)]
 
 

@@ -51,7 +51,7 @@ def reconstruct(
     Of several views it takes one photograph each, with its --camera.
     """
     from periscopy_sim.judgement import check_memory
-    from periscopy_sim.methods import find_method, own_errors, source_sha256
+    from periscopy_sim.methods import find_method, source_sha256
 
     find_method(method)
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
@@ -91,7 +91,6 @@ def reconstruct(
             session.timed("reconstruct"),
             output.progress("reconstructing"),
             output.fixable(f"{of} by {method}"),
-            own_errors(method, f"failed on {of}"),
         ):
             joint: Any = METHODS[method].of_views(methods) if several else methods[session.sensor]
             wall: Any = walls if several else walls[session.sensor]

@@ -16,19 +16,16 @@ from periscopy_sim.storage.ambient_library import (
     CONDITIONS,
     ambient_photographs,
     find_condition,
-    is_photograph,
 )
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
 
-_TARGET = "Relative error of a pixel of ambient light to reach."
-TargetOption = Annotated[float, option("NUMBER", _TARGET, kind="error")]
+TargetOption = Annotated[float, option("NUMBER", kind="error")]
 _IMAGE = "The hidden image: a file, or a shipped one."
 _OF_EACH = "Image of a hidden surface; repeatable."
 _SAMPLES = "Camera samples a pixel of the path tracer. [default: as the SNR needs, without it]"
-_SBR = "Signal-to-background ratio."
 _NAMES = "Scene files or shipped conditions."
-_AMBIENT = "Ambient light to add: a photograph by the same camera, or a shipped condition."
+_AMBIENT = "Ambient light to add: a photograph by the same camera, a condition, or none."
 
 
 def photograph(
@@ -42,7 +39,7 @@ def photograph(
     ] = None,
     bounces: options.BouncesOption = "all",
     ambient: Annotated[str | None, option("LIGHT", _AMBIENT, group=LIGHT)] = None,
-    sbr: Annotated[float | None, option("RATIO", _SBR, kind="ratio", group=LIGHT)] = None,
+    sbr: Annotated[float | None, option("RATIO", kind="ratio", group=LIGHT)] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
     target: TargetOption = TARGET,
@@ -54,8 +51,6 @@ def photograph(
     options.require_suffix(out, ".exr", "the photograph")
     if (ambient is None) != (sbr is None):
         raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
-    if ambient is not None and not is_photograph(ambient):
-        find_condition(ambient)
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     most = most_bounces(bounces)
     if colours is not None and len(colours.matrix) != 3:

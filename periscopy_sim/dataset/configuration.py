@@ -8,12 +8,12 @@ from pydantic import Field, model_validator
 
 from periscopy_sim.dataset.distributions import Distribution, Source, within
 from periscopy_sim.dataset.hidden_sources import HiddenSource
-from periscopy_sim.dataset.reading import CHANNELS, Count, Size
+from periscopy_sim.dataset.reading import CHANNELS, Size
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import ColourMatrix
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.ambient_library import find_condition
-from periscopy_sim.storage.formats.yaml_document import Number, Sizes, Strict, read_yaml
+from periscopy_sim.storage.formats.yaml_document import Number, Sizes, Strict, ranged, read_yaml
 from periscopy_sim.storage.outputs.provenance import scene_sha256, sha256_of
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
@@ -79,7 +79,7 @@ class Conditions(Mixture):
 
     kind: Literal["conditions"]
     names: Files  # or shipped conditions
-    target: Annotated[Number, Field(gt=1e-6, lt=1)] = 3e-4  # relative error when rendered
+    target: Annotated[float, ranged("error")] = 3e-4  # relative error when rendered
 
     def located(self, folder: Path) -> Self:
         """Return the source with absolute paths of the conditions that are not shipped."""
@@ -136,7 +136,7 @@ class Splits(Strict):
         return self
 
 
-Rays = Annotated[int, Field(strict=True, ge=1, le=4096)]
+Rays = Annotated[int, ranged("rays")]
 
 
 class Direct(Strict):
@@ -151,7 +151,7 @@ class Bounced(Strict):
 
     kind: Literal["bounced"]
     samples: Rays | None = None
-    bounces: Annotated[int, Field(strict=True, ge=2, le=10**6)] | None = None  # reflections at most
+    bounces: Annotated[int, ranged("bounces"), Field(ge=2)] | None = None  # reflections at most
 
 
 class Configuration(Strict):
@@ -160,20 +160,20 @@ class Configuration(Strict):
     `folder`, where relative paths start, is set by `load_configuration`.
     """
 
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
+    seed: Annotated[int, ranged("seed")] = 0
     count: Size
     hidden: Sizes
     samples_per_geometry: Size = 1000
-    samples_per_shard: Annotated[Count, Field(le=1000)] = 50
-    clip_length: Count = 1
+    samples_per_shard: Annotated[int, ranged("count")] = 50
+    clip_length: Size = 1
     splits: Splits = Splits()
     scenes: Annotated[tuple[SceneSource, ...], Field(min_length=1)]
     hidden_images: Annotated[tuple[HiddenSource, ...], Field(min_length=1)]
     ambient: Annotated[tuple[AmbientSource, ...], Field(min_length=1)]
     light: Annotated[Direct | Bounced, Field(discriminator="kind")] = Direct()
-    sbr: within(1e-6, 1e6) = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
-    snr: within(-100, 300) = Distribution(value=60.0)  # type: ignore[valid-type]
-    exposure: within(1e-12, 1e12) = Distribution(value=1.0)  # type: ignore[valid-type]
+    sbr: within("ratio") = Distribution(log_uniform=(0.05, 10.0))  # type: ignore[valid-type]
+    snr: within("decibels") = Distribution(value=60.0)  # type: ignore[valid-type]
+    exposure: within("exposure") = Distribution(value=1.0)  # type: ignore[valid-type]
     colour_matrix: Annotated[tuple[Triple, ...], Field(min_length=3)] | None = None
     saturation: Annotated[Number, Field(gt=0)] | None = None
     photograph_type: Literal["float32", "float16"] = "float32"

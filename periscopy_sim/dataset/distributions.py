@@ -7,6 +7,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from periscopy_sim.numerics.limits import RANGES
 from periscopy_sim.storage.formats.yaml_document import Number, Strict
 
 Pair = tuple[Number, Number]
@@ -83,8 +84,9 @@ class Source(Strict):
         return {}
 
 
-def within(low: float, high: float) -> Any:
-    """Return a type for distributions that can only be drawn from [low, high]."""
+def within(*ends: Any) -> Any:
+    """Return a type for distributions that are drawn from [low, high], or from a kind's range."""
+    low, high = ends if len(ends) == 2 else RANGES[ends[0]].ends
 
     def check(distribution: Distribution) -> Distribution:
         least, most = distribution.bounds

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from periscopy_sim.dataset.configuration import Bounced, Configuration
+from periscopy_sim.dataset.configuration import Bounced, Configuration, load_configuration
 from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
 from periscopy_sim.dataset.samples import (
     Backgrounds,
@@ -63,7 +63,7 @@ class Work:
 
 
 def make_dataset(
-    configuration: Configuration,
+    configuration: Configuration | str | Path,
     out: str | Path,
     *,
     count: int | None = None,
@@ -78,7 +78,7 @@ def make_dataset(
     Parameters
     ----------
     configuration
-        From `load_configuration`.
+        A YAML file, or what `load_configuration` returns.
     out
         The archive, a Zarr folder, or a URL that fsspec opens, such as ``s3://bucket/name``. Blocks
         of this configuration stay; damaged ones are made again.
@@ -112,6 +112,8 @@ def make_dataset(
         `bounced_error` has the error of each geometry.
     """
     out, report = place(out), progress or (lambda *_: None)
+    if not isinstance(configuration, Configuration):
+        configuration = load_configuration(configuration)
     settings = configuration.located()
     if count is not None:
         settings = settings.model_copy(update={"count": count})

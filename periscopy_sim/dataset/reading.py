@@ -18,6 +18,7 @@ from periscopy_sim.errors import DatasetError, OutputError
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.panels import draw_panels
 from periscopy_sim.hidden import named
+from periscopy_sim.numerics.limits import RANGES
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.places import address, bytes_in, place
 from periscopy_sim.storage.outputs.staging import out_of_space_reported
@@ -58,11 +59,7 @@ LABELS: dict[str, tuple[Any, str, str | None]] = {
 `BOUNCED_ERROR` is there only if A has light that bounces.
 """
 
-MOST_SAMPLES = 10**8
-"""Samples of a data set: photographs of 126 x 126 pixels would take 19 TB."""
-
-Count = Annotated[int, Field(strict=True, ge=1)]
-Size = Annotated[Count, Field(le=MOST_SAMPLES)]
+Size = Annotated[int, Field(strict=True, ge=1, le=RANGES["samples"].most)]
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from periscopy_sim.measurement import noise_level, noise_to_signal
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.limits import checked
-from periscopy_sim.numerics.validation import checked_scene
+from periscopy_sim.numerics.validation import checked_scene, listed
 from periscopy_sim.numerics.words import bounces_in_words
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.rendering.transport.bounced import channels_mean
@@ -132,7 +132,7 @@ def design(
     out: str | Path | None = None,
     *,
     grid: int = 11,
-    images: Sequence[str | Path] = IMAGES,
+    images: Sequence[Any] = IMAGES,
     snr: float = 60.0,
     sbr: float = 0.5,
     progress: Callable[[int, int], None] = lambda *_: None,
@@ -150,7 +150,8 @@ def design(
     grid
         Values of each parameter, all combined.
     images
-        Pictures that the noise-aware method recovers; without any, the bound is alone.
+        Pictures as of `Scenario.image`, which the noise-aware method recovers; without any, the
+        bound is alone.
     snr, sbr
         Signal-to-noise ratio in dB, signal-to-background ratio; infinite without ambient light.
     progress
@@ -181,7 +182,7 @@ def design(
     base = replace(scenario, light=replace(scenario.light, strata="gauss"))
     start = start_values(scenario.document, list(vary))
     points = [dict(zip(vary, map(as_text, start), strict=True)), *grid_of(vary, grid)]
-    pictures = [scenario.image(name) for name in images]
+    pictures = [scenario.image(each) for each in listed(images)]
     noise, pixels = noise_to_signal(snr, sbr), scenario.transport_shape[0]
 
     def errors(values: Mapping[str, str]) -> dict[str, float]:

@@ -19,16 +19,16 @@ from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
-from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.numerics.limits import checked
-from periscopy_sim.numerics.validation import checked_scene
+from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.numerics.limits import checked, size_of
+from periscopy_sim.numerics.validation import checked_scene, is_name, listed
 from periscopy_sim.numerics.words import WAYS, bounces_in_words
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.rendering.photograph import excess_of
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_image, find_scene
+from periscopy_sim.shipped import ADVERSARIAL, DARK, REALISTIC, find_image, find_scene
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.places import mirrored, place
 from periscopy_sim.storage.outputs.provenance import (
@@ -48,9 +48,6 @@ PLACES = "overcast", "low_sun", "ceiling_panels"
 SBRS, SNRS = (0.1, 1.0, 10.0), (60.0,)
 """What a sweep compares where nothing else is asked for."""
 
-DARK = "none"
-"""Names photographs without ambient light."""
-
 RUN = "command", "scene", "seed", "python"
 """Provenance that differs from run to run, or that no result depends on."""
 
@@ -67,7 +64,7 @@ def sweep(
     out: str | Path | None = None,
     *,
     methods: Iterable[Name] | Mapping[str, Name] = COMPARED,
-    ambient: Iterable[str | Path] | Mapping[str, Image] = PLACES,
+    ambient: Iterable[str | Path] | Mapping[str, Any] = PLACES,
     flips: bool = False,
     sbr: float | Iterable[float] = SBRS,
     snr: float | Iterable[float] = SNRS,
@@ -91,8 +88,8 @@ def sweep(
     scenario
         The scene; its `light` and `seed` are those of A and of whatever is drawn.
     images
-        Files or shipped pictures that the hidden surfaces show; a mapping gives them names, of
-        several surfaces to mappings by id.
+        Files or shipped pictures that the hidden surfaces show; a mapping gives them, and arrays,
+        names, of several surfaces to mappings by id; see `Scenario.image`.
     out
         Folder, or URL that fsspec opens, of ``sweep.zarr``, ``sweep.csv`` and what is rendered;
         None keeps the results in memory alone.
@@ -100,7 +97,7 @@ def sweep(
         Names, ``file.py:callable``, or callables of (scenario, A, B); a mapping gives them names.
     ambient
         Shipped conditions, ``all``, ``adversarial``, EXR files or folders of such; or ``none``.
-        A mapping has light of your own, (rows, columns, channels) in any unit, by name.
+        A mapping has light as of `Scenario.ambient` by name.
     flips
         Whether each ambient light is also flipped about each axis and about both (Sec. 4.1).
     sbr, snr
@@ -149,13 +146,16 @@ def sweep(
     for method in named.values():
         find_method(method)
     checked("seeds", seeds, "count")
-    axes = {name: _listed(values) for name, values in (vary or {}).items()}
-    own = (
-        {n: np.asarray(b, float) for n, b in ambient.items()}
-        if isinstance(ambient, Mapping)
-        else {}
-    )
-    lights = dict.fromkeys(own) if isinstance(ambient, Mapping) else conditions_of(ambient)
+    axes: dict[str, list[Any]] = {
+        name: [float(each) if isinstance(each, Real) else each for each in listed(values)]
+        for name, values in (vary or {}).items()
+    }
+    if "hidden" in axes:
+        axes["hidden"] = ["{}x{}".format(*size_of(each)) for each in axes["hidden"]]
+    own = dict[str, Array]()
+    if isinstance(ambient, Mapping):
+        own = {name: scenario.ambient(each).photograph for name, each in ambient.items()}
+    lights = conditions_of(ambient) if not own else dict.fromkeys(own)
     is_dark = DARK in lights
     of = {name: f"vary {name}=" if name in axes else name for name in ("sbr", "snr")}
     if is_dark and ("sbr" in axes or sbr is not SBRS):
@@ -203,7 +203,7 @@ def sweep(
         "image": {
             name: {
                 "photograph": "rendered" if photograph is None else array_sha256(photograph.values),
-                "truth": sha256_of(map(find_image, pictures.values())),
+                "truth": _sha256_of(pictures.values()),
             }
             for name, pictures in shown.items()
         },
@@ -241,10 +241,21 @@ def sweep(
     return results
 
 
-def _listed(values: Any) -> list[Any]:
-    """Return the values of an axis, of which there may be one alone."""
-    is_several = isinstance(values, Iterable) and not isinstance(values, str)
-    return [float(v) if isinstance(v, Real) else v for v in (values if is_several else [values])]
+def _names(values: Any, what: str) -> list[str]:
+    """Return names, of which there may be one alone; whatever is none needs a mapping."""
+    names = listed(values)
+    if wrong := [each for each in names if not is_name(each)]:
+        kind = type(wrong[0]).__name__
+        raise PeriscopyError(f"{what} of type {kind}: give names, or a mapping that names each")
+    return [str(each) for each in names]
+
+
+def _sha256_of(pictures: Iterable[Any]) -> str:
+    """Return the digest of pictures: of files, or of arrays."""
+    given = [*pictures]
+    if all(map(is_name, given)):
+        return str(sha256_of(map(find_image, given)))
+    return ",".join(map(array_sha256, map(np.asarray, given)))
 
 
 def _named_methods(
@@ -253,30 +264,24 @@ def _named_methods(
     """Return methods by their names; one that is given twice is an error."""
     if isinstance(methods, Mapping):
         return dict(methods)
-    if isinstance(methods, str):
-        raise PeriscopyError(f"methods: give a list, such as ['{methods}']")
-    listed = [*methods]
-    named = {label_of(each): each for each in listed}
-    if len(named) < len(listed):
+    names = listed(methods)
+    named = {label_of(each): each for each in names}
+    if len(named) < len(names):
         raise PeriscopyError("methods: two have one name; give a mapping with other names")
     return named
 
 
 def images_by_name(
     scenario: Scenario, images: Iterable[str | Path] | Mapping[str, Any]
-) -> dict[str, dict[str, str]]:
+) -> dict[str, dict[str, Any]]:
     """Return the picture of each surface, by its id, of each hidden image, by its name."""
-    if isinstance(images, str | Path):
-        raise PeriscopyError(f"images: give a list, such as ['{images}']")
     if not isinstance(images, Mapping):
-        listed = [str(each) for each in images]
-        images = {Path(each).stem: each for each in listed}
-        if len(images) < len(listed):
-            raise PeriscopyError(f"images {','.join(listed)}: two pictures have one name")
+        names = _names(images, "images")
+        images = {Path(each).stem: each for each in names}
+        if len(images) < len(names):
+            raise PeriscopyError(f"images {','.join(names)}: two pictures have one name")
     shown = {
-        str(name): {str(i): str(p) for i, p in each.items()}
-        if isinstance(each, Mapping)
-        else dict.fromkeys(scenario.hidden, str(each))
+        str(name): dict(each) if isinstance(each, Mapping) else dict.fromkeys(scenario.hidden, each)
         for name, each in images.items()
     }
     for name in shown:
@@ -286,13 +291,13 @@ def images_by_name(
 
 def conditions_of(entries: Iterable[str | Path]) -> dict[str, Path | None]:
     """Return the EXR file of each ambient light; None for a shipped condition, and for `DARK`."""
-    listed = [str(each) for each in ([entries] if isinstance(entries, str | Path) else entries)]
-    if listed == [DARK]:
+    names = _names(entries, "ambient")
+    if names == [DARK]:
         return {DARK: None}
     shipped = *REALISTIC, *ADVERSARIAL
     groups = {"all": REALISTIC, "adversarial": ADVERSARIAL, **{name: [name] for name in shipped}}
     lights: dict[str, Path | None] = {}
-    for entry in listed:
+    for entry in names:
         path = Path(entry)
         files = sorted(path.glob("*.exr")) if path.is_dir() else [path]
         added: dict[str, Path | None] = {file.stem: file for file in files if file.suffix == ".exr"}

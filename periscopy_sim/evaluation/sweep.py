@@ -26,9 +26,9 @@ from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.methods import estimates_by, without_addresses
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.limits import SMALLEST
+from periscopy_sim.numerics.limits import RANGES, checked
 from periscopy_sim.numerics.machine import timed
-from periscopy_sim.numerics.validation import InputError, checked_number, checked_numbers
+from periscopy_sim.numerics.validation import InputError, checked_numbers
 from periscopy_sim.own_code import OwnError
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -84,10 +84,10 @@ class Sweep:
         """Reject settings that no sweep can have."""
         if not hasattr(self.world, "conditions_of"):
             raise InputError(f"the world is of type {type(self.world).__name__}: give a ps.World")
-        checked_numbers(self.sbrs, "sbrs", SMALLEST, math.inf)
-        checked_numbers(self.snrs, "snrs")
+        checked_numbers(self.sbrs, "sbrs", *RANGES["sbr"].ends)
+        checked_numbers(self.snrs, "snrs", *RANGES["decibels"].ends)
         checked_numbers(self.seeds, "seeds", 0, whole=True)
-        checked_number(self.seed, "seed", 0, whole=True)
+        checked("seed", self.seed, "seed")
         if not isinstance(self.vary, Mapping):
             raise InputError(f"vary is {self.vary!r}: give a dictionary of axes and their values")
         for name, values in self.vary.items():

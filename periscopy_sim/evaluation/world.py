@@ -12,7 +12,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.measurement import add_noise, composite, composite_error
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.scene import MONITOR
@@ -254,6 +254,8 @@ def flips(backgrounds: Mapping[str, Image]) -> dict[str, Image]:
     They are (rows, columns, channels) each, by name. Return each under its own name, then with
     the endings of `TURNS`.
     """
+    if not isinstance(backgrounds, Mapping):
+        raise InputError("flips: give backgrounds by name, such as {'overcast': array}")
     return {
         f"{name}{turn}": image[::down, ::right]
         for name, image in backgrounds.items()

@@ -376,7 +376,7 @@ class Worlds:
                     seed=_seed_of(scenario, name), progress=done,
                 )  # fmt: skip
                 held = {
-                    **as_text({**origin, **made, "image": self.shown[name]}),
+                    **as_text({**origin, **made, "image": name}),
                     "relative_error": rendered.relative_error,
                     "made_for_snr": snr,
                 }
@@ -472,12 +472,9 @@ def _is_known(values: Mapping[str, Any]) -> bool:
 def _check_value(axis: str, value: Any, option: Option | None, unit: str) -> None:
     """Raise a PeriscopyError for a value that an axis cannot have."""
     words: dict[str, Sequence[str]] = {KNOWN: (TRUE, RULER, CALIBRATED), "model": [*WAYS]}
-    if axis == "scene":
+    if axis in OF_SCENE:
         return
-    if axis == "hidden":
-        if min(size_of(str(value))) < 1:
-            raise PeriscopyError(f"vary hidden={value}: give at least one patch")
-    elif axis in words:
+    if axis in words:
         if value not in words[axis]:
             raise PeriscopyError(f"vary {axis}={value}: there are {', '.join(words[axis])}")
     elif not isinstance(value, float):

@@ -14,7 +14,6 @@ from periscopy_sim.evaluation.metrics import psnr_gain_matched
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_error, remedies_of
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
-from periscopy_sim.methods import own_errors
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import one_thread
 from periscopy_sim.photograph import Photograph, blackened
@@ -98,11 +97,10 @@ class FittedChoice:
     def pictures(self) -> LivePictures:
         """Return the pictures of the photograph, with all that the method reports."""
         hidden, photograph = self.scenario.hidden, self.photograph
-        with own_errors(self.choice.method, "failed"):
-            solution = self.method.solve(photograph)
-            found = hidden.images(solution.image).items()
-            image = hidden.unwrapped({name: f.astype(np.float32) for name, f in found})
-            report = self.method.report(photograph, solution)
+        solution = self.method.solve(photograph)
+        found = hidden.images(solution.image).items()
+        image = hidden.unwrapped({name: f.astype(np.float32) for name, f in found})
+        report = self.method.report(photograph, solution)
         residual = None if self.choice.image else report.residual
         report = replace(report, warnings=[*report.warnings, *self.notes], residual=residual)
         return self._pictures(photograph, image, report, time.perf_counter() - self.begun)
@@ -121,13 +119,12 @@ class FittedChoice:
         A method for videos gives no verdict.
         """
         begun, values = time.perf_counter(), self._values(frame)
-        with own_errors(self.choice.method, "failed"):
-            if self._follow is None:
-                solution = self.method.solve(values)
-                residual = self.method.residual(values, solution)
-            else:
-                solution = self._follow(values)
-                residual = self.method.quick_residual(values, solution, noise)
+        if self._follow is None:
+            solution = self.method.solve(values)
+            residual = self.method.residual(values, solution)
+        else:
+            solution = self._follow(values)
+            residual = self.method.quick_residual(values, solution, noise)
         report = Report(solution.numbers(), residual=residual)
         light, seconds = Photograph(values, self.photograph.mask), time.perf_counter() - begun
         return self._pictures(light, solution.image, report, seconds, number)
@@ -137,7 +134,7 @@ class FittedChoice:
         if self._follow is None or not self.method.judges_scene:
             return None
         values = self._values(frame)
-        with own_errors(self.choice.method, "failed"), one_thread():
+        with one_thread():
             report = StillMethod.report(self.method, values, self.method.solve(values))
         remedies = remedies_of(self.scenario, report, self.method, frame)
         return replace(report, remedies=remedies)

@@ -11,7 +11,12 @@ from periscopy_sim.live.frames import CameraFrame
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import ColourMatrix, Photograph, blackened
 from periscopy_sim.photographs.defects import gaussian_spread
-from periscopy_sim.photographs.develop import SensorImage, check_same_size
+from periscopy_sim.photographs.develop import (
+    SensorImage,
+    change_beyond_noise,
+    check_same_size,
+    differing,
+)
 from periscopy_sim.photographs.marks import WallPoints, WallTags
 from periscopy_sim.photographs.prepare import FilmPixels
 from periscopy_sim.scenario import Scenario
@@ -114,6 +119,10 @@ class RunningAverage:
                 f"the light is {times:.3g} times what it was, and the average starts anew: fix "
                 "exposure and gain, and expose for whole periods of lamps that flicker"
             )
+        elif self.average is not None and (
+            change := change_beyond_noise(self._first, frame, self._mask & ~full)
+        ):
+            lines.append(f"the frames are averaged, though {differing(change)}")
         if (full & self._mask).any():
             self._mask = self._mask & ~full
             fewer, every = self._mask.sum(), self._pixels.mask.sum()

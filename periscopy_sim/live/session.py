@@ -29,6 +29,7 @@ from periscopy_sim.live.pictures import (
     coarse,
 )  # fmt: skip
 from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.numerics.limits import RANGES
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.reconstruction.registry import installed_methods
@@ -264,7 +265,7 @@ class LiveSession:
             images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
             controls["image"] = chosen("Hidden image", "image", *images, first.image)
             controls["snr"] = slider(
-                Movable("SNR", first.snr, 20.0, 80.0, 1.0, "dB"), "",
+                Movable("SNR", first.snr, 20.0, 80.0, 1.0, RANGES["decibels"].unit), "",
                 lambda snr: self._change(REST["slider"], snr=snr), lambda: self.choice.snr,
             )  # fmt: skip
         if first.place:

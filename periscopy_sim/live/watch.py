@@ -26,7 +26,7 @@ from periscopy_sim.live.preparation import Companions, RunningAverage
 from periscopy_sim.live.session import Control, Describe, Job, LiveSession, button, slider
 from periscopy_sim.methods import find_method
 from periscopy_sim.numerics import Mask
-from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.limits import RANGES, checked
 from periscopy_sim.numerics.validation import checked_scene
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
@@ -43,9 +43,6 @@ JUDGED = 10.0
 
 NEWS, REPEATS = 10.0, 60.0
 """Seconds that the page shows a line; without one of its kind, before it is printed again."""
-
-MOST_AVERAGED = 1000.0
-"""Frames of the longest running average: half a minute of a video."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +148,7 @@ class WatchSession(LiveSession):
 
     def further_controls(self) -> Mapping[str, Control]:
         """Return the controls of the average and its monitor-off frame."""
-        number = Movable("Average", self.count, 1.0, MOST_AVERAGED, 1.0, "frames")
+        number = Movable("Average", self.count, *RANGES["count"].ends, 1.0, "frames")
         set_count = lambda value: setattr(self, "count", round(value))  # noqa: E731
         labels = "Take the average as the monitor-off frame", "Drop the monitor-off frame"
         return {
@@ -177,12 +174,16 @@ class WatchSession(LiveSession):
 
     def report(self, line: str) -> None:
         """Print a line, unless one of its kind was just printed, and show it on the page."""
-        self.notice, now = line, time.monotonic()
-        kind = re.sub(r"[\d.]", "", line.rpartition(": ")[2])
-        if now > self._said.get(kind, -np.inf) + REPEATS:
-            self._say(line)
-        self._said[kind], self._expires = now, now + NEWS
+        self.notice, self._expires = line, time.monotonic() + NEWS
+        self._print(line)
         self.gate.publish(**self._status())
+
+    def _print(self, *lines: str) -> None:
+        for line in lines:
+            kind, now = re.sub(r"[\d.]", "", line.rpartition(": ")[2]), time.monotonic()
+            if now > self._said.get(kind, -np.inf) + REPEATS:
+                self._say(line)
+            self._said[kind] = now
 
     def _status(self) -> dict[str, list[str]]:
         """Return the numbers, the verdict and what has just happened, for the page."""
@@ -306,6 +307,8 @@ class WatchSession(LiveSession):
             verdict = fitted.judge(self.photograph())
             if verdict and fitted is self._fitted:
                 self.verdict = verdict
+                doubts = [*self._describe(replace(verdict, notes=()))]
+                self._print(*doubts[verdict.verdict.code == "fits" :])
                 self.gate.publish(**self._status())
 
 
@@ -363,7 +366,7 @@ def watch(
     """
     checked_scene(scenario)
     find_method(method)
-    checked("average", average, "frames")
+    checked("average", average, "count")
     companions = Companions(
         marks, mask, 0.0, None if dark is None else sensor_image(dark, "the dark frame"),
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},

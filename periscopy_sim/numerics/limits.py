@@ -7,11 +7,11 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from stat import S_ISREG
-from typing import Any
+from typing import Any, NamedTuple
 
-from periscopy_sim.errors import PeriscopyError, PhotographError
+from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics.machine import available_memory
-from periscopy_sim.numerics.validation import InputError, checked_number
+from periscopy_sim.numerics.validation import InputError, checked_number, checked_numbers
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -31,51 +31,66 @@ SMALLEST, LARGEST = 1e-12, 1e12
 from 1 leave single precision with little to spare."""
 
 
-RANGES: Mapping[str, tuple[float, float]] = {
-    "seed": (0, 2**31 - 1),  # Mitsuba takes seeds of 32 bits; commands count on from this one
-    "decibels": (-100, 300),
-    "ratio": (1e-6, 1e6),
-    "sbr": (1e-6, math.inf),
-    "error": (1e-5, 1),
-    "tolerance": (1e-15, 0.5),
-    "effort": (1e-4, 1),
-    "rate": (0.1, 1000),
-    "level": (-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
-    "side": (1, 10_000),  # of a block of pixels
-    "resolution": (2, 2048),  # as many pixels as a scene may have
-    "grid": (2, 100),
-    "inches": (2, 20),
-    "count": (1, 1000),
-    "frames": (1, 10**6),
-    "samples": (1, 10**8),
-    "rays": (1, 65536),  # more would be hours in one kernel, which nothing can interrupt
-    "camera samples": (1, 2**20),
-    "port": (0, 65535),
-    "parameter": (-LARGEST, LARGEST),
-}
-"""Least and greatest of each kind of number that users give."""
+class Range(NamedTuple):
+    """A kind of number that users give: its ends, and what a command's help and a page say."""
 
-WHOLE = "seed", "side", "resolution", "grid", "count", "samples", "rays", "camera samples", "port"
-"""Kinds of whole numbers."""
+    least: float
+    most: float
+    whole: bool = False
+    unit: str = ""
+    help: str = ""
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Its least and greatest number."""
+        return self.least, self.most
+
+
+_SNR = "Signal-to-noise ratio of Gaussian noise; the signal includes ambient light."
+RANGES: Mapping[str, Range] = {
+    # Mitsuba takes seeds of 32 bits; commands count on from this one.
+    "seed": Range(0, 2**31 - 1, True, help="Seed of random draws."),
+    "decibels": Range(-100, 300, unit="dB", help=_SNR),
+    "ratio": Range(1e-6, 1e6, help="Signal-to-background ratio."),
+    "sbr": Range(1e-6, math.inf, help="Signal-to-background ratio; inf: no ambient light."),
+    "error": Range(1e-6, 1, help="Relative error of a pixel of ambient light to reach."),
+    "tolerance": Range(1e-15, 0.5, help="Singular values of B that are kept, over the largest."),
+    "effort": Range(1e-4, 1),
+    "rate": Range(0.1, 1000),
+    "level": Range(-1e9, 1e9),  # of a camera's counts, which have 32 bits at most
+    "side": Range(1, 10_000, True),  # of a block of pixels
+    "resolution": Range(2, 2048, True),  # as many pixels as a scene may have
+    "grid": Range(2, 100, True),
+    "inches": Range(2, 20),
+    "count": Range(1, 1000, True),
+    "samples": Range(1, 10**8, True),  # photographs of 126 x 126 pixels would take 19 TB
+    "rays": Range(1, 65536, True),  # more would be hours in one kernel, which nothing interrupts
+    "camera samples": Range(1, 2**20, True),
+    "bounces": Range(1, 999_999, True),
+    "port": Range(0, 65535, True),
+    "parameter": Range(-LARGEST, LARGEST),
+    "exposure": Range(SMALLEST, LARGEST),
+}
+"""The kinds of numbers that users give: in constructors, options, YAML and on the page."""
 
 
 def in_range(kind: str, *values: float) -> bool:
     """Return whether numbers of a kind are in its range."""
-    return all(RANGES[kind][0] <= value <= RANGES[kind][1] for value in values)
+    return all(RANGES[kind].least <= value <= RANGES[kind].most for value in values)
 
 
 def checked(name: str, values: Any, kind: str) -> list[float]:
     """Return numbers that a user gives, one or several, if they are of a kind in `RANGES`.
 
-    A PeriscopyError names them as the user does.
+    An InputError names them as the user does.
     """
     is_list, numbers = isinstance(values, Iterable) and not isinstance(values, str), list[float]()
     for each in values if is_list else [values]:
         try:
-            numbers.append(checked_number(each, name, *RANGES[kind], whole=kind in WHOLE))
+            numbers.append(checked_number(each, name, *RANGES[kind].ends, whole=RANGES[kind].whole))
         except InputError as error:
             named = f"{name}{each}" if name.endswith("=") else f"{name} {each}"
-            raise PeriscopyError(f"{named}: {str(error).partition(': ')[2]}") from error
+            raise InputError(f"{named}: {str(error).partition(': ')[2]}") from error
     return numbers
 
 
@@ -87,12 +102,14 @@ def number_of(text: str) -> float:
         return math.nan
 
 
-def size_of(text: str) -> tuple[int, int]:
-    """Read ROWSxCOLUMNS."""
-    size = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text, re.IGNORECASE)
-    if not size:
-        raise PeriscopyError(f"'{text}' is not a size; write ROWSxCOLUMNS, such as 29x36")
-    return int(size[1]), int(size[2])
+def size_of(given: Any) -> tuple[int, int]:
+    """Return a size, (rows, columns), of two whole numbers or of text: ROWSxCOLUMNS."""
+    text = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", str(given), re.IGNORECASE)
+    sides = [*map(int, text.groups())] if text else given
+    if isinstance(sides, str) or not isinstance(sides, Iterable) or len(sides := [*sides]) != 2:
+        raise InputError(f"'{given}' is not a size; write ROWSxCOLUMNS, such as 29x36")
+    rows, columns = checked_numbers(sides, f"the size {given}", *RANGES["side"].ends, whole=True)
+    return int(rows), int(columns)
 
 
 def read_regular(path: Path, most: int = MOST_TEXT) -> bytes:

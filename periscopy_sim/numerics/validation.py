@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterable
 from numbers import Real
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,16 @@ def checked_numbers(
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{name} is {values!r}: give a list of numbers, such as [1, 10]")
     return [checked_number(each, f"a value of {name}", least, most, whole=whole) for each in values]
+
+
+def is_name(value: Any) -> bool:
+    """Return whether a value is a name, or a file's path."""
+    return isinstance(value, str | PathLike)
+
+
+def listed(values: Any) -> list[Any]:
+    """Return the entries of a list; a name or a number alone is a list of one."""
+    return [values] if is_name(values) or not isinstance(values, Iterable) else [*values]
 
 
 def checked_scene(scene: Any) -> None:

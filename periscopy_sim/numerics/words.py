@@ -1,9 +1,9 @@
 """Numbers and ways to A as people write and read them."""
 
-import re
 from collections.abc import Mapping
 from typing import Literal
 
+from periscopy_sim.numerics.limits import RANGES, in_range
 from periscopy_sim.numerics.validation import InputError
 
 WORDS = {"direct": 1, "all": None}
@@ -20,8 +20,10 @@ def bounces_in_words(bounces: int | None) -> str:
 
 def bounces_of_words(text: str) -> int | None:
     """Return the number of reflections that `bounces_in_words` names, or raise an InputError."""
-    if text not in WORDS and not re.fullmatch("[1-9][0-9]{0,5}", text):
-        raise InputError(f"'{text}': give direct, all, or a whole number from 1 to 999999")
+    is_whole = text.isascii() and text.isdecimal()
+    if text not in WORDS and not (is_whole and in_range("bounces", float(text))):
+        ends = "{} to {}".format(*RANGES["bounces"])
+        raise InputError(f"'{text}': give direct, all, or a whole number from {ends}")
     return WORDS[text] if text in WORDS else int(text)
 
 

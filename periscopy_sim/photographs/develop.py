@@ -4,6 +4,7 @@ The black level or a dark frame is subtracted, photographs are averaged, and a f
 out.
 """
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -11,9 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.numerics import Mask
+from periscopy_sim.numerics import Image, Mask
 from periscopy_sim.numerics.validation import LIGHT_RANGE, plain_array
 from periscopy_sim.photograph import check_real, with_channels
+from periscopy_sim.photographs.defects import gaussian_spread
+
+LINES, BLOCKS = 256, 8
+"""Rows and columns of pixels, at least, in which two photographs are compared, and of blocks."""
+
+LEAST_CHANGE, BEYOND = 0.01, 5.0
+"""Root mean square change of blocks that is no noise, over the light and over what white noise has:
+noise alone has 1.3 of that at most in 600 draws. Pictures on a chair's wall differ by 0.04 to 0.14
+of the light, at SBR 1 by 0.02 to 0.07."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,10 +164,48 @@ def average(exposures: Iterable[SensorImage], name: str) -> SensorImage:
     first = next(exposures, None)
     if first is None:
         raise PhotographError(f"{name}: there is none; give one at least")
-    total, saturated, count = first.values.copy(), first.saturated.copy(), 1
+    total, saturated, count, change = first.values.copy(), first.saturated.copy(), 1, 0.0
     for each in exposures:
         check_same_size(each.values.shape, first.values.shape, name)
+        used = ~(first.saturated | each.saturated)
+        change = max(change, change_beyond_noise(first.values, each.values, used))
         total += each.values
         saturated |= each.saturated
         count += 1
+    if change:
+        line = f"{name}: averaged, though {differing(change)}"
+        warnings.warn(line, RuntimeWarning, stacklevel=2)
     return SensorImage(total / np.float32(count), saturated, first.cell)
+
+
+def change_beyond_noise(before: Image, after: Image, used: Mask) -> float:
+    """Return by which fraction two photographs' light differs; 0 where their noise may explain it.
+
+    It is the root mean square over `BLOCKS` of pixels, once both have one brightness.
+    """
+    step = max(1, min(used.shape) // LINES)
+    first, other, used = before[::step, ::step], after[::step, ::step], used[::step, ::step]
+    pairs = used[:, 1:] & used[:, :-1]
+    if not pairs.any() or min(levels := [each[used].mean() for each in (first, other)]) <= 0:
+        return 0.0
+    light = (
+        np.where(used, each.mean(axis=2), 0) for each in (first / levels[0], other / levels[1])
+    )
+    change = np.subtract(*light)
+    noise = gaussian_spread(np.diff(change, axis=1)[pairs]) / np.sqrt(2)
+    edges = [np.arange(min(BLOCKS, n)) * n // min(BLOCKS, n) for n in used.shape]
+    sums, counts = (
+        np.add.reduceat(np.add.reduceat(each, edges[0], axis=0), edges[1], axis=1)
+        for each in (change, used.astype(float))
+    )
+    means, counts = sums[counts > 0] / counts[counts > 0], counts[counts > 0]
+    rms = float(np.sqrt(np.mean(means**2)))
+    return rms if rms > max(LEAST_CHANGE, BEYOND * noise * np.sqrt(np.mean(1 / counts))) else 0.0
+
+
+def differing(change: float) -> str:
+    """Return in words that photographs differ, by `change_beyond_noise`, and what to do."""
+    return (
+        f"they differ by {100 * change:.2g} % of their light, more than noise does: average "
+        "photographs of one still picture by a camera at rest"
+    )

@@ -12,6 +12,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from periscopy_sim.numerics.limits import RANGES
+
 if TYPE_CHECKING:
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.numerics import Image
@@ -144,9 +146,7 @@ _REPAIR = Option(
     "Repair patches that differ from their neighbours by more than this part of the image's 99th "
     "percentile.",
 )
-_RANK = Option(
-    "rank_tolerance", 1e-10, "Singular values of B that are kept, over the largest.", 1e-15, 0.5
-)
+_RANK = Option("rank_tolerance", 1e-10, RANGES["tolerance"].help, *RANGES["tolerance"].ends)
 
 
 RAYS = 16

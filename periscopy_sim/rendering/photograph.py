@@ -25,6 +25,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.ambient.background import DIRECT_SAMPLES, RAY, Part, refined
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
@@ -175,10 +176,13 @@ def rendering_of(
         is_image = each.ndim == 3 and each.shape[2] == 3 and each.size > 0
         if not (is_image and 0 <= each.min() <= each.max() < np.inf):
             raise InputError("give the hidden image as (rows, columns, 3), finite and not negative")
-    for name, number in (("samples", samples), ("bounces", bounces)):
+    if not any(each.any() for each in images.values()):
+        raise InputError("the hidden image is black: no light reaches the wall; show another one")
+    kinds = ("samples", samples, "camera samples"), ("bounces", bounces, "bounces")
+    for name, number, kind in (*kinds, ("seed", seed, "seed")):
         if number is not None:
-            checked_number(number, name, 1, whole=True)
-    snr, seed = checked_number(snr, "snr"), int(checked_number(seed, "seed", 0, whole=True))
+            checked(name, number, kind)
+    snr = checked_number(snr, "snr")  # it may be that of faint light beside ambient light
     report, target = progress or (lambda _: None), allowed_error(snr)
     scene = scenario.scene
     # Pictures have the film's pixels.

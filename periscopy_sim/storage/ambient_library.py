@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.measurement import TARGET
+from periscopy_sim.numerics.validation import is_name
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 from periscopy_sim.storage.formats.exr import read_exr, write_exr
 from periscopy_sim.storage.outputs.places import local_copy, user_cache
@@ -173,9 +174,9 @@ def _remove_oldest(files: Iterable[Path]) -> None:
             file.unlink(missing_ok=True)
 
 
-def is_photograph(name: str) -> bool:
-    """Return whether a name is of a photograph's file rather than of a condition."""
-    return Path(name).suffix != ".xml" and Path(name).is_file()
+def is_photograph(light: Any) -> bool:
+    """Return whether light is a photograph, or its file, rather than a condition's name."""
+    return not is_name(light) or (Path(light).suffix != ".xml" and Path(light).is_file())
 
 
 def find_condition(name: str) -> Path:

@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.numerics.limits import size_of
+from periscopy_sim.numerics.validation import plain_array
 from periscopy_sim.photograph import Photograph, blackened, with_channels
-from periscopy_sim.storage.formats.decoding import LINEAR
+from periscopy_sim.storage.formats.decoding import LINEAR, Picture
 from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_light
 from periscopy_sim.storage.formats.table import decode_picture
 from periscopy_sim.storage.outputs.staging import staged_file
 
 
-def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float64]:
+def read_hidden_image(path: str | Path | ArrayLike, shape: Any) -> NDArray[np.float64]:
     """Read a picture as the radiance of the hidden scene's patches.
 
     PNG, JPEG and TIFF of 8 or 16 bits are decoded by the sRGB curve, but for a PNG that declares
@@ -27,10 +29,11 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
 
     Parameters
     ----------
-    path : Path
-        The file, of any size.
-    shape : (rows, columns)
-        Hidden patches; the picture is averaged over the area of each, in linear light.
+    path : Path or array
+        The file, of any size; or what an NPY file holds.
+    shape : (rows, columns) or text
+        Hidden patches, (29, 36) or ``29x36``; the picture is averaged over the area of each, in
+        linear light.
 
     Returns
     -------
@@ -43,16 +46,19 @@ def read_hidden_image(path: str | Path, shape: tuple[int, int]) -> NDArray[np.fl
     PhotographError
         If the file is missing, damaged, of another format, or has negative or non-finite values.
     """
-    path = Path(path)
-    picture = decode_picture(path, "hidden")
-    values = with_channels(picture.values, str(path))
+    if isinstance(path, str | Path):
+        name, picture = str(path), decode_picture(Path(path), "hidden")
+    else:
+        name = "the hidden image"
+        picture = Picture(plain_array(path, name))
+    values = with_channels(picture.values, name)
     if values.size == 0:
-        raise PhotographError(f"{path}: has shape {values.shape}; give one pixel at least")
+        raise PhotographError(f"{name}: has shape {values.shape}; give one pixel at least")
     is_code = values.dtype in (np.uint8, np.uint16) and picture.encoding != LINEAR
-    light = srgb_light(values) if picture.is_display and is_code else linear_light(values, path)
+    light = srgb_light(values) if picture.is_display and is_code else linear_light(values, name)
     if picture.alpha is not None:
-        light = light * linear_light(picture.alpha, path)  # on black
-    return area_average(_in_colours(light, path), shape)
+        light = light * linear_light(picture.alpha, name)  # on black
+    return area_average(_in_colours(light, name), size_of(shape))
 
 
 def linear_light(values: NDArray[Any], place: str | Path) -> NDArray[np.float64]:

@@ -23,6 +23,26 @@ def test_values_of_an_axis_may_be_whole_numbers():
 
 
 @pytest.mark.usefixtures("jit")
+def test_one_name_or_an_array_is_a_list_of_one():
+    scene = ps.load_scenario("chair", (3, 4), {"resolution": 16})
+    picture, asked = scene.image("mushroom"), {"sbr": 1, "snr": 40}
+    ways = [
+        ps.sweep(
+            scene, images, methods=methods, ambient={"lamp": np.ones((16, 16, 3))},
+            vary={"hidden": sizes}, **asked,
+        )
+        for images, methods, sizes in (
+            (["mushroom"], ["truncated-svd"], ["3x4"]),
+            ("mushroom", "truncated-svd", "3X4"),
+            ({"mushroom": picture}, {"truncated-svd": "truncated-svd"}, [(3, 4)]),
+        )
+    ]  # fmt: skip
+    for way in ways[1:]:
+        assert way["hidden"].values.tolist() == ["3x4"]
+        np.testing.assert_allclose(way["psnr"], ways[0]["psnr"], rtol=1e-4)
+
+
+@pytest.mark.usefixtures("jit")
 def test_what_the_reader_of_a_light_doubts_is_passed_on(tmp_path):
     light = np.full((16, 16, 3), -1e-3)
     light[:4] = 1

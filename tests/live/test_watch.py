@@ -17,6 +17,7 @@ from periscopy_sim.live.preparation import TAKEN, Companions
 from periscopy_sim.live.watch import WatchSession
 from periscopy_sim.photographs import prepare
 from periscopy_sim.photographs.marks import WallTags
+from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import load_scenario
 
 pytest.importorskip("websockets")
@@ -258,6 +259,18 @@ def test_a_right_and_a_wrong_scene_are_judged_by_the_average(monkeypatch):
         for shift, code in (0.0, "fits"), (0.03, "does_not_fit"):
             watched.press("value occluder_dx", shift)
             watched.until(lambda *_, code=code: is_judged(code))
+
+
+def test_a_camera_of_black_frames_is_doubted_once_while_they_come(monkeypatch):
+    monkeypatch.setattr(live_watch, "JUDGED", 0.1)
+    rng = np.random.default_rng(0)
+    brief = Brief(lambda: time.sleep(0.01) or rng.poisson(0.5, WALL.shape).astype(np.uint16))
+    monkeypatch.setattr(brief.session, "_describe", Report.lines)
+    with brief.session, live.running(brief.session):
+        brief.until(lambda: sum("no hidden image" in line for line in brief.said))
+        verdict = brief.session.verdict
+        brief.until(lambda: brief.session.verdict not in (verdict, None))
+    assert sum("no hidden image" in line for line in brief.said) == 1
 
 
 def test_what_no_frame_could_be_shown_for_stays_on_the_page(monkeypatch):

@@ -35,7 +35,7 @@ def scene():
 )
 def test_photographs_name_what_is_no_number(scene, wrong):
     (name,) = wrong
-    with pytest.raises(ps.PeriscopyError, match=f"^{name} is "):
+    with pytest.raises(ps.PeriscopyError, match=f"^{name} "):
         ps.render_photograph(scene, IMAGE, **wrong)
 
 
@@ -78,7 +78,7 @@ def test_photographs_name_what_is_no_image(scene, image):
         (lambda scene: ps.sweep(scene, ["mushroom"], seeds=1.5), "seeds"),
         (lambda scene: ps.design(scene, {"occluder_dx": (0, 1)}, grid=2.5), "grid"),
         (lambda _: ps.NoiseAware.for_scene("chair", WALL[0]), "scene"),
-        (lambda _: ps.NoiseAware(np.ones((9, 12)), hidden="3x4"), "size"),
+        (lambda _: ps.NoiseAware(np.ones((9, 12)), hidden="3by4"), "size"),
         (lambda _: ps.Periscope(np.eye(9)[:, :4], hidden=(2, 2)).reconstruct("y"), "photograph"),
         (lambda _: ps.Periscope(np.eye(9)[:, :4], hidden=(2, 2), tv_weight="1"), "tv_weight"),
     ],

@@ -18,7 +18,6 @@ from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.extras import require_all
 from periscopy_sim.reconstruction.registry import DEFAULT, libraries_of
-from periscopy_sim.storage.ambient_library import find_condition
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.pictures import write_png
@@ -31,7 +30,7 @@ WRITING = Lock()
 """Held while files are written: Ctrl-C waits for them, and for nothing else."""
 
 _PHOTO = "A photograph. Without one: synthetic photographs."
-_PLACE = "Ambient light: a shipped place or a Mitsuba XML file."
+_PLACE = "Ambient light: a shipped place, a Mitsuba XML file, a photograph, or none."
 Host = Annotated[str, option("ADDRESS", "Where to listen; 0.0.0.0 is open to the network.")]
 Port = Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")]
 
@@ -42,7 +41,7 @@ def view(
     photo: Annotated[Path | None, argument("PHOTO", _PHOTO, exists=True)] = None,
     out: Annotated[Path, option("FOLDER", "Folder that the page's button writes.")] = Path("view"),
     image: Annotated[str | None, option("IMAGE", "First hidden image: a file or a name.")] = None,
-    ambient: Annotated[str | None, option("PLACE", _PLACE)] = None,
+    ambient: Annotated[str | None, option("LIGHT", _PLACE)] = None,
     method: options.FirstMethodOption = DEFAULT,
     mask: options.MaskOption = None,
     host: Host = "127.0.0.1",
@@ -59,8 +58,6 @@ def view(
     verb, remedy = ("needs", "give both") if photo is None else ("excludes", "give one of the two")
     for flag in filter(others.get, others):
         raise ps.PeriscopyError(f"{flag} {verb} PHOTO; {remedy}")
-    if ambient:
-        find_condition(ambient)
     session = WallSession(scene, hidden, define, mask=mask)
     with progress("loading the scene"):
         from periscopy_sim.live.pictures import Choice

@@ -12,7 +12,6 @@ from periscopy_sim.cli.session import WallSession
 from periscopy_sim.figures import panels
 from periscopy_sim.hidden import named
 
-_TOLERANCE = "Relative tolerance on B's singular values."
 MEANINGS = {
     "condition_A": "largest over smallest singular value of A: how much noise may grow",
     "condition_DA": "the same of D A, where D takes differences of neighbouring pixels",
@@ -30,7 +29,7 @@ def analyze(
     session: WallSession,
     light: LightOptions,
     out: options.Out,
-    rank_tolerance: Annotated[float, option("NUMBER", _TOLERANCE, kind="tolerance")] = 1e-10,
+    rank_tolerance: Annotated[float, option("NUMBER", kind="tolerance")] = 1e-10,
 ) -> None:
     """Report how well a scene determines its hidden image.
 

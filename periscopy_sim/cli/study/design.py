@@ -22,7 +22,6 @@ Rows = Sequence[dict[str, Any]]
 _VARY = "One or two scene <default>s: occluder_dx=-0.05:0.05."
 _GRID = "Values of each parameter, all combined."
 _BY = "Least Cramér-Rao bound, or least error that noise-aware reports."
-_SBR = "Signal-to-background ratio; inf: no ambient light."
 _IMAGES = "Images that noise-aware recovers, by comma, or none."
 TABLE, BEST, FILES = "design.csv", "best.xml", ["design.json", "design.png"]
 
@@ -41,7 +40,7 @@ def design(
     out: options.ResumedFolder,
     grid: Annotated[int, option("NUMBER", _GRID, kind="grid")] = 11,
     by: Annotated[By, typer.Option(help=_BY)] = By.bound,
-    sbr: Annotated[float, option("RATIO", _SBR, kind="sbr")] = 0.5,
+    sbr: Annotated[float, option("RATIO", kind="sbr")] = 0.5,
     snr: options.Snr = 60.0,
     images: Annotated[str, option("LIST", _IMAGES)] = "mushroom,still_life,letters",
 ) -> None:

@@ -21,6 +21,7 @@ from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
 from periscopy_sim.numerics.limits import RANGES, in_range, number_of
 from periscopy_sim.reconstruction.registry import libraries_of
+from periscopy_sim.shipped import DARK
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -41,9 +42,12 @@ _SEEDS = "Noise draws for each background and SBR."
 _SNRS = "Signal-to-noise ratios of Gaussian noise: 40,60 or 40:80:5; the signal includes light."
 SBRS, SNRS, PLACES = "0.1,1,10", "60", "overcast,low_sun,ceiling_panels"
 PATCHES = "29x36"
+OPTIONS = "sbr", "snr", "samples", "model", "hidden"
+"""Options that are axes, too."""
 
 
 def sweep(
+    context: typer.Context,
     session: Annotated[WallSession, {"hidden": [PATCHES]}],
     light: LightOptions,
     out: options.Store,
@@ -60,7 +64,7 @@ def sweep(
     snr: Annotated[str, option("DB", _SNRS)] = SNRS,
     seeds: Annotated[int, option("NUMBER", _SEEDS, kind="count")] = 1,
     scheduler: options.Scheduler = None,
-    study: StudyOption = None,  # noqa: ARG001, it has become the other options' defaults
+    study: StudyOption = None,
     example: ExampleOption = False,  # noqa: ARG001
 ) -> None:
     """Compare methods over ambient light, SBRs, and any other axis.
@@ -68,7 +72,7 @@ def sweep(
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
     from periscopy_sim.cli.study.sweep_forecast import SweepForecast
-    from periscopy_sim.evaluation.study import DARK, conditions_of
+    from periscopy_sim.evaluation.study import conditions_of
     from periscopy_sim.evaluation.workers import thread_count
 
     names = options.parse_list("--methods", methods)
@@ -76,11 +80,15 @@ def sweep(
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
-    given = {"sbr": sbr != SBRS, "snr": snr != SNRS, "samples": light.samples, "model": light.model}
-    given["hidden"] = session.hidden != [PATCHES]
-    for name in (*session.definitions, *(name for name, value in given.items() if value)):
-        if name in axes:
-            raise ps.PeriscopyError(f"--vary {name}: an option gives {name}, too; give one of them")
+    # A study's entries have become the other options' defaults.
+    of_study = [each.partition("=")[0] for each in (context.default_map or {}).get("vary", ())]
+    sources = {name: context.get_parameter_source(name) for name in OPTIONS}
+    names_of = {"DEFAULT": "", "DEFAULT_MAP": str(study)}
+    given = {n: names_of.get(each.name, f"--{n}") for n, each in sources.items() if each}
+    for name, by in {**dict.fromkeys(session.definitions, "-D"), **given}.items():
+        if by and name in axes:
+            axis = f"{study}: vary" if name in of_study else "--vary"
+            raise ps.PeriscopyError(f"{axis} {name}: {by} gives {name}, too; give one of them")
     places = options.parse_list("--ambient", ambient)
     if places == [DARK] and given["sbr"]:
         raise ps.PeriscopyError(f"--sbr: --ambient {DARK} has no SBR; leave one of them out")
@@ -93,8 +101,7 @@ def sweep(
     wall = None if photograph is None else session.wall(photograph)
     mask, monitor_off = session.companions() if wall is None else (None, None)
     texts = {"sbr": sbr, "snr": snr}
-    kept = [n for n in texts if n not in axes and not (n == "sbr" and places == [DARK])]
-    levels = {name: parse_values(texts[name], f"--{name}") for name in kept}
+    levels = {name: parse_values(texts[name], f"--{name}") for name in texts if given[name]}
     watcher = SweepForecast(session, thread_count(scheduler))
     results = ps.sweep(
         session.lit(light), shown, out, methods=names, ambient=places, flips=flips,
@@ -203,7 +210,7 @@ def parse_values(text: str, flag: str) -> list[Any]:
         is_range = ":" in text and np.isfinite([number_of(each) for each in text.split(":")]).all()
         values = [] if is_range else [each.strip() for each in words]
     if not (in_range("count", len(values)) and all(map(str, values))):
-        form = "1,2,5, or 0:1:5, or 0.1:10:log:9, at most {:,}".format(RANGES["count"][1])
+        form = "1,2,5, or 0:1:5, or 0.1:10:log:9, at most {:,}".format(RANGES["count"].most)
         raise ps.PeriscopyError(f"{flag} '{text}': write values as {form}")
     if len({*values}) < len(values):
         raise ps.PeriscopyError(f"{flag} '{text}': give each value once")

@@ -1,6 +1,5 @@
 """A Mitsuba scene as a `Scene`, what its camera sees and its hidden surfaces, or what it lacks."""
 
-import operator
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from periscopy_sim.errors import SceneError, did_you_mean
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import GAUSS, Hidden, Size, Sizes, Surface
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.limits import size_of
 from periscopy_sim.rendering.scene.checks import check_apart, check_nodes, check_surface
 from periscopy_sim.rendering.scene.nodes import SceneNodes, texture_of
 from periscopy_sim.rendering.scene.placement import CAMERAS, SceneLayout, only_motions
@@ -66,7 +66,7 @@ def load_geometry(
     hidden: Sizes,
     parameters: Mapping[str, str | float] | None = None,
     *,
-    photograph: tuple[int, int] | None = None,
+    photograph: tuple[int, int] | str | None = None,
     camera: str = CAMERA,
 ) -> Geometry:
     """Return the view and the hidden surfaces of a scene; see `load_scenario`."""
@@ -98,13 +98,8 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
         )
     if missing := [name for name in scene.emission if name not in given]:
         raise SceneError(f"{where}; give a size to '{missing[0]}', too")
-    try:
-        pairs = {name: tuple(map(operator.index, given[name])) for name in scene.emission}
-        sizes = {name: (rows, columns) for name, (rows, columns) in pairs.items()}
-    except (TypeError, ValueError):
-        raise SceneError(f"hidden sizes {given}: give (rows, columns), whole numbers") from None
-    patches = [rows * columns for rows, columns in sizes.values()]
-    if min(map(min, sizes.values())) < 1 or sum(patches) > len(view.points):
+    sizes = {name: size_of(given[name]) for name in scene.emission}
+    if sum(rows * columns for rows, columns in sizes.values()) > len(view.points):
         written = ", ".join("{}x{}".format(*size) for size in sizes.values())
         pixels = "{}x{}".format(*view.shape)
         raise SceneError(

@@ -24,6 +24,7 @@ from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.transport.bounced import DIRECT, BouncedTransport, add_bounces
 from periscopy_sim.rendering.transport.shadow_rays import (
@@ -123,7 +124,7 @@ def planned(
     if by not in (None, *get_args(By)):
         raise InputError(f"by is {by!r}: give one of {', '.join(get_args(By))}, or None")
     noise = max(checked_number(noise, "noise", 0, np.inf), PRECISION)
-    seed = int(checked_number(seed, "seed", 0, whole=True))
+    checked("seed", seed, "seed")
     if by == "areas":
         ways_to(scenario)
     if noise == np.inf:
@@ -317,7 +318,7 @@ def transport(
         If rays are needed in a scalar variant.
     """
     if bounces is not None:
-        checked_number(bounces, "bounces", DIRECT, whole=True)
+        checked("bounces", bounces, "bounces")
     if isinstance(seen, View) and hidden is not None:
         seen, hidden = Geometry(seen, hidden), None
     if hidden is not None or not isinstance(seen, Geometry):

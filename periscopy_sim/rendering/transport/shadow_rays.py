@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.numerics.validation import InputError, checked_number
+from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.transport.kernel import Kernel, Strata
 from periscopy_sim.rendering.variant import LANES, dr, mi, require_vectorized
 
@@ -99,7 +100,7 @@ class RenderedTransport:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        checked_number(self.samples, "samples", 1, whole=True)
+        checked("samples", self.samples, "rays")
         if self.strata not in get_args(Strata):
             raise ValueError(f"strata '{self.strata}' are not known; use one of {get_args(Strata)}")
         hidden, scene = self.scenario.hidden, self.scenario.scene

@@ -24,7 +24,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.resolver import VersionedResolver
 
 from periscopy_sim.errors import ConfigurationError, did_you_mean, in_words, path_fault
-from periscopy_sim.numerics.limits import read_regular, size_of
+from periscopy_sim.numerics.limits import RANGES, read_regular, size_of
 
 MOST_LETTERS = 1 << 17
 """Bytes of a YAML file, and its letters and entries once aliases are filled in. At worst, of a list
@@ -65,16 +65,17 @@ def text_of(value: Any) -> str:
     return text if len(text) < 200 else f"{text[:200]} ..."
 
 
-def _rows_and_columns(value: Any) -> Any:
-    return value if isinstance(value, list | tuple) else size_of(text_of(value))
-
-
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number, no text or truth value."""
 
-Side = Annotated[int, Field(strict=True, ge=1, le=10_000)]
-RowsAndColumns = Annotated[tuple[Side, Side], BeforeValidator(_rows_and_columns)]
-"""Rows and columns, written as ROWSxCOLUMNS."""
+
+def ranged(kind: str) -> Any:
+    """Return the limits of a field that is a number of a kind in `RANGES`."""
+    return Field(strict=True, ge=RANGES[kind].least, le=RANGES[kind].most)
+
+
+RowsAndColumns = Annotated[tuple[int, int], BeforeValidator(size_of)]
+"""Rows and columns, written as ROWSxCOLUMNS or [ROWS, COLUMNS]."""
 
 Sizes = Annotated[
     Annotated[RowsAndColumns, Tag("one")] | Annotated[dict[str, RowsAndColumns], Tag("several")],
