@@ -19,12 +19,14 @@ from periscopy_sim.measurement import (
     composite_error,
     noise_to_signal,
 )
-from periscopy_sim.memo import Memo
+from periscopy_sim.memo import Memo, light_cache
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
+from periscopy_sim.shipped import find_condition, is_photograph
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -32,19 +34,13 @@ if TYPE_CHECKING:
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
     from periscopy_sim.rendering.ambient.background import Background
+    from periscopy_sim.rendering.photograph import Rendering
     from periscopy_sim.rendering.transport.bounced import BouncedTransport
     from periscopy_sim.rendering.transport.kernel import Strata
     from periscopy_sim.rendering.transport.plan import By, TransportPlan
 
 Progress = Callable[[float], None]
 """Called with the fraction done."""
-
-SIGNIFICANT = 3.0
-"""Standard deviations of the noise of all pixels' mean that a white surface's light exceeds."""
-
-LEAST_LIGHT = 0.25
-"""Mean of P A f of a white f, by other rays, below which it is A's grain that has rank. By 16 rays
-it is 0.7 to 1 on chair, plate, plant and corner, 0.04 to 0.19 on the doorway."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,33 +153,40 @@ class Scenario(Geometry):
                     raise PeriscopyError(f"B has shape {own.shape}; give it {pixels} rows")
             return np.hstack([eq4() if B is None else B for B in self.light.ambient])
 
-        return self.memo(
-            ("B", self._wall_digest, self._light_key), make, 4 * 512 * self.transport_shape[0]
-        )
+        key, size = ("B", self._wall_digest, self._light_key), 4 * 512 * self.transport_shape[0]
+        return self.memo.get(key, make, size)
 
     def plan(self, noise: float | None = None, method: "Name" = DEFAULT) -> "TransportPlan":
         """Return how A is made for photographs of some noise over their mean, and its own error.
 
         A method whose entry asks for rays gets them. A noise of None is that of 60 dB.
         """
-        plan: TransportPlan = self._planned(noise, method)[0]
-        return plan
-
-    def _planned(self, noise: float | None, method: "Name") -> Any:
         from periscopy_sim.methods import entry_of
         from periscopy_sim.rendering.transport.plan import NOISE, TransportPlan, planned
 
         light = self.light
         if light.matrix is not None:
             error = light.record.get("transport_error")
-            return TransportPlan(np.nan if error is None else error, is_given=True), None
+            return TransportPlan(np.nan if error is None else error, is_given=True)
         entry = entry_of(method)
         wants_rays = entry is not None and entry.rays and light.by is None
         samples = light.samples or (RAYS if wants_rays else None)
         noise = NOISE if noise is None else noise
-        key = "plan", self._digest, self.seed, noise, light.by, samples
-        plan = partial(planned, self, noise, by=light.by, samples=samples, seed=self.seed)
-        return self.memo(key, plan, self._bytes)
+
+        def make() -> TransportPlan:
+            plan, A = planned(self, noise, by=light.by, samples=samples, seed=self.seed)
+            if A is not None:  # the choice took all of it
+                self._direct(plan, made=A)
+            return plan
+
+        key = "plan", self.digest, self.seed, noise, light.by, samples
+        return self.memo.get(key, make, self._bytes, TransportPlan)
+
+    def _direct(self, plan: "TransportPlan", **given: Any) -> "NDArray[np.float32]":
+        """Return A of direct light, made as planned unless it is kept."""
+        strata, seed = self.light.strata, self.seed
+        make = partial(plan.transport, self, strata=strata, seed=seed, **given)
+        return self.memo.get(("A", self.digest, seed, plan, strata), make, self._bytes, np.ndarray)
 
     def transport(
         self,
@@ -202,9 +205,13 @@ class Scenario(Geometry):
         VariantError
             If rays are needed in a scalar variant.
         """
-        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces
+        from periscopy_sim.rendering.transport.bounced import (
+            DIRECT,
+            BouncedLight,
+            render_bounced_light,
+        )
 
-        light, seed = self.light, self.seed
+        light = self.light
         if light.matrix is not None:
             if np.shape(light.matrix) != self.transport_shape:
                 given, own = np.shape(light.matrix), self.transport_shape
@@ -212,16 +219,18 @@ class Scenario(Geometry):
                     f"A has shape {given}; the scene's camera and patches need {own}"
                 )
             return light.matrix
-        plan, made = self._planned(noise, method)
+        plan = self.plan(noise, method)
+        if light.bounces == DIRECT:
+            return self._direct(plan, progress=progress)
 
-        def make() -> Any:
-            strata = {"strata": light.strata}
-            A = plan.transport(self, made, **strata, seed=seed, progress=progress)
-            return A if light.bounces == DIRECT else add_bounces(self, A, light.bounces, seed=seed)
+        def make() -> "BouncedTransport":
+            A = self._direct(plan, progress=progress).copy()
+            render = partial(render_bounced_light, self, bounces=light.bounces, seed=self.seed)
+            key = "bounces", self.digest, self.seed, light.bounces
+            return self.memo.get(key, render, 0, BouncedLight).added_to(A, light.bounces)
 
-        key = "A", self._digest, seed, plan, light.strata, light.bounces
-        A: NDArray[np.float32] | BouncedTransport = self.memo(key, make, self._bytes)
-        return A
+        key = "bounced", self.digest, self.seed, plan, light.strata, light.bounces
+        return self.memo.get(key, make, self._bytes)
 
     def transport_of(
         self, images: Array, noise: float
@@ -255,28 +264,74 @@ class Scenario(Geometry):
             return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
 
         changed = [file.stat().st_mtime_ns for file, _ in files.values()]
-        return self.memo(("image", *files.items(), *changed), make, 24 * self.hidden.patches)
+        key = "image", *files.items(), *changed
+        return self.memo.get(key, make, 24 * self.hidden.patches)
 
     def ambient(
-        self, name: str | Path, *, target: float = TARGET, progress: Any = None
+        self, name: str | Path, *, target: float = TARGET, progress: Stage = silent
     ) -> "Background":
         """Return ambient light on the wall, of a shipped condition or a scene file, and its error.
 
         It is rendered once for a wall, and kept in the user's cache. A photograph's file has no
-        known error. `target` is the relative error of a pixel to reach.
+        known error. `target` is the relative error of a pixel to reach. `progress` receives the
+        name of what is rendered, and gives a context with the function of the fraction done.
         """
-        from periscopy_sim.rendering.ambient.background import Background
-        from periscopy_sim.storage import ambient_library as library
+        from periscopy_sim.rendering.ambient.background import Background, render_background
         from periscopy_sim.storage.photographs import read_photograph
 
-        if library.is_photograph(str(name)):
+        if is_photograph(name):
             photograph = read_photograph(Path(name), self.photograph_shape)
             return Background(photograph.values, 0.0, 0.0, warnings=photograph.warnings)
-        shown = {} if progress is None else {"progress": progress}
-        path = library.find_condition(str(name))
-        make = partial(library.ambient_light, path, self, self.seed, target=target, **shown)
-        key = "ambient", library.cached_light(path, self, self.seed, target)
-        return self.memo(key, make, 8 * self.view.channel_gain.shape[-1] * len(self.view.centers))
+        path, seed = find_condition(name), self.seed
+
+        def make() -> Background:
+            with progress(f"ambient light: {path.stem}") as report:
+                light = render_background(path, self, target=target, seed=seed, progress=report)
+                report(1.0)  # an interrupt may have stopped Mitsuba in the midst of it
+            # To six digits: beyond those, results depend on the order in which BLAS adds.
+            errors = (
+                float(f"{each:.6g}") for each in (light.relative_error, light.brightness_error)
+            )
+            return Background(light.photograph.astype(np.float32), *errors)
+
+        key, size = self._ambient_key(path, target), 12 * int(np.prod(self.photograph_shape))
+        return self.memo.get(key, make, size, Background, light_cache())
+
+    def missing_ambient(self, names: Iterable[str], target: float = TARGET) -> dict[Any, str]:
+        """Return the names of ambient light that is not rendered yet, by what it depends on."""
+        keys = {self._ambient_key(find_condition(name), target): name for name in names}
+        return {key: n for key, n in keys.items() if not self.memo.holds(key, light_cache())}
+
+    def _ambient_key(self, path: Path, target: float) -> tuple[Any, ...]:
+        from periscopy_sim.storage.outputs.provenance import scene_sha256
+
+        wall = self.photograph_shape, self._wall_digest
+        return "ambient", scene_sha256(path), *wall, self.seed, target
+
+    def rendered(
+        self,
+        image: Any,
+        *,
+        snr: float,
+        bounces: int | None = None,
+        samples: int | None = None,
+        progress: Progress | None = None,
+    ) -> "Rendering":
+        """Return the light of an image on the wall, without noise, as fine as an SNR in dB needs.
+
+        It is kept; see `photograph`, which adds ambient light and noise.
+        """
+        from periscopy_sim.rendering.photograph import Rendering, rendering_of
+        from periscopy_sim.storage.outputs.provenance import image_sha256
+
+        render = partial(
+            rendering_of, self, image, snr=snr, samples=samples, bounces=bounces, seed=self.seed,
+            progress=progress,
+        )  # fmt: skip
+        shown = repr(image_sha256(self.hidden.images(image)))
+        key = "photograph", self.digest, self.seed, shown, snr, bounces, samples
+        size = 24 * int(np.prod(self.photograph_shape))
+        return self.memo.get(key, render, size, Rendering)
 
     def photograph(
         self,
@@ -323,28 +378,26 @@ class Scenario(Geometry):
         PeriscopyError
             If `ambient` and `sbr` do not go together, or there is no such light.
         """
-        from periscopy_sim.rendering.photograph import SNR, excess_of, rendering_of
-        from periscopy_sim.storage.ambient_library import is_photograph
+        from periscopy_sim.rendering.photograph import SNR, excess_of
 
         if (ambient is None) != (sbr is None):
             raise PeriscopyError("ambient light and an SBR go together; give both or neither")
         for name, value, kind in (("snr", snr, "decibels"), ("sbr", sbr, "ratio")):
             if value is not None:
                 checked(name, [value], kind)
-        mixed = np.asarray if colour_matrix is None else colour_matrix.mix
+        mixed = np.array if colour_matrix is None else colour_matrix.mix
         light = None if ambient is None else self.ambient(ambient, target=target)
         purpose = SNR if snr is None else snr
         noise = noise_to_signal(purpose, np.inf)
         if sbr is not None:
             # Light that ambient light outshines may err more; both together have a third.
             noise = noise_to_signal(purpose, sbr) / np.sqrt(2)
-        rendered = rendering_of(
-            self, image, snr=-20 * np.log10(noise), samples=samples, bounces=bounces,
-            seed=self.seed, progress=progress,
-        )  # fmt: skip
+        rendered = self.rendered(
+            image, snr=-20 * np.log10(noise), samples=samples, bounces=bounces, progress=progress
+        )
         y, error = mixed(rendered.photograph), rendered.relative_error
-        if light is not None and sbr is not None:
-            is_seen = is_photograph(str(ambient))  # in the camera's channels
+        if light is not None and sbr is not None and ambient is not None:
+            is_seen = is_photograph(ambient)  # in the camera's channels
             behind = light.photograph if is_seen else mixed(light.photograph)
             error = composite_error(y, behind, sbr, error, light.relative_error)
             y = composite(y, behind, sbr)
@@ -388,6 +441,7 @@ class Scenario(Geometry):
         ValueError
             If it cannot be fitted.
         """
+        from periscopy_sim import judgement
         from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
@@ -402,10 +456,7 @@ class Scenario(Geometry):
             uncertain, _ = self.uncertainty(name, errors)
             fitted = fit_method(name, self, A, B, photograph, uncertain, **settings)
             fitted.name, fitted.plan = label_of(name), plan
-            pixels = np.ones(self.photograph_shape, bool)
-            self._check_rank(
-                fitted, plan.samples, pixels if photograph is None else photograph.pixels
-            )
+            judgement.check_rank(self, fitted, None if photograph is None else photograph.pixels)
             return fitted
 
         if not hasattr(errors or {}, "items"):
@@ -415,11 +466,11 @@ class Scenario(Geometry):
             )
         known = None if errors is None else tuple(sorted(errors.items()))
         key = (
-            *("method", name, source, self._digest, self.seed, plan, conditions),
+            *("method", name, source, self.digest, self.seed, plan, conditions),
             *(self._light_key, known, *sorted(settings.items())),
         )
         entry = entry_of(name) or METHODS[DEFAULT]
-        return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
+        return self.memo.get(key, make, entry.bytes_per_entry * self._bytes // 4)
 
     @staticmethod
     def noise(photograph: Photograph) -> float | None:
@@ -456,25 +507,6 @@ class Scenario(Geometry):
         is_counted = bool(errors) and has_areas(self)
         return (moving_scene.uncertain_transport(self, errors) if is_counted else None), []
 
-    def _check_rank(self, fitted: "StillMethod[Any]", samples: int | None, pixels: Any) -> None:
-        """Reject P of an A of some rays whose rank is but that of their grain: other rays prove it.
-
-        `samples` of None are of an A without grain.
-        """
-        from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
-
-        P = getattr(fitted, "preconditioner", None)
-        if samples is None or P is None:
-            return
-        others = RenderedTransport(self, samples, seed=self.seed + 1)
-        kept = float(P.apply(others.white(np.flatnonzero(pixels))).mean())
-        if kept < LEAST_LIGHT:
-            raise PeriscopyError(
-                f"scene '{self.path}': A has almost no rank beside the grain of {samples} rays, in "
-                f"which P loses {100 * min(1 - kept, 1):.0f} % of a white image; use the method "
-                f"{DEFAULT}, or more rays"
-            )
-
     def calibrate(self, photograph: Any, **options: Any) -> "Calibration":
         """Correct the measured values of the scene's parameters by photographs of its wall.
 
@@ -507,22 +539,12 @@ class Scenario(Geometry):
     def check_light(self, noise: float | None, method: "Name" = DEFAULT) -> "list[Note]":
         """Return notes on A beside photographs of some noise: its error, surfaces hardly seen."""
         from periscopy_sim import judgement
-        from periscopy_sim.methods import entry_of
-        from periscopy_sim.reconstruction.method import Note
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
-        light, notes = self.light, []
-        entry = entry_of(method)
-        has_grain = entry is not None and entry.rays  # a ridge for P
-        if light.matrix is not None or light.samples or light.by or not has_grain:
-            notes += judgement.check_error(self, self.plan(noise, method).origin, noise)
         A = channels_mean(self.transport(noise, method))
-        white = A.sum(axis=0, dtype=np.float64) / (A.sum(dtype=np.float64) or 1.0)
-        least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))
-        for name, part in self.hidden.slices.items():
-            if (share := float(white[part].sum())) < least:
-                notes.append(Note("hardly_seen", {"name": name, "percent": 100 * share}))
-        return notes
+        given = self.light.matrix is not None or self.light.samples or self.light.by
+        plan = self.plan(noise, method)
+        return judgement.check_light(self, plan.origin, A, noise, method, by_default=not given)
 
     def judge(
         self,
@@ -585,8 +607,8 @@ class Scenario(Geometry):
         return _sha256(_members(self.view))
 
     @cached_property
-    def _digest(self) -> tuple[Any, ...]:
-        """What A depends on: the scene's files and values, the view and the patches."""
+    def digest(self) -> tuple[Any, ...]:
+        """What direct light depends on: the scene's files and values, the view and the patches."""
         from periscopy_sim.storage.outputs.provenance import scene_sha256
 
         view, surfaces = self.view, self.hidden.items()

@@ -19,6 +19,9 @@ REALISTIC = (
 ADVERSARIAL = ("stained_glass", "snow")
 """Ambient scenes made to break the model of ambient light, as in the paper's Fig. 5."""
 
+CONDITIONS = (*REALISTIC, *ADVERSARIAL)
+"""All ambient scenes."""
+
 
 def scenes_folder() -> Path:
     """Return the folder of shipped scenes: inside an installed package, beside it in a checkout."""
@@ -44,6 +47,21 @@ def find_image(name: str | Path) -> Path:
     A PhotographError lists what there is.
     """
     return _find(Path(name), "images", ".png", "image", PhotographError)
+
+
+def find_condition(name: str | Path) -> Path:
+    """Return the file of a shipped ambient scene, ``overcast`` say, or the scene file named."""
+    if str(name) in CONDITIONS:
+        return find_scene(f"ambient/{name}")
+    if Path(name).suffix == ".xml" and Path(name).is_file():
+        return Path(name)
+    guess = did_you_mean(str(name), CONDITIONS) or f"there are {', '.join(CONDITIONS)}."
+    raise PeriscopyError(f"no ambient condition '{name}'; {guess} Or name a Mitsuba XML file")
+
+
+def is_photograph(name: str | Path) -> bool:
+    """Return whether a name of ambient light is of a photograph's file, not of a scene."""
+    return Path(name).suffix != ".xml" and Path(name).is_file()
 
 
 def _find(path: Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]) -> Path:

@@ -20,20 +20,20 @@ class Maker:
 
 def test_a_key_has_one_object():
     memo, make = Memo(), Maker()
-    assert memo("a", make) is memo("a", make) is not memo("b", make)
+    assert memo.get("a", make) is memo.get("a", make) is not memo.get("b", make)
     assert make.calls == 2
 
 
 def test_the_least_recently_used_make_room():
     memo, make = Memo(10), Maker()
-    kept = {key: memo(key, make, size) for key, size in (("a", 4), ("b", 4), ("light", 0))}
-    assert memo("a", make, 4) is kept["a"]
-    memo("c", make, 4)
-    assert memo("a", make, 4) is kept["a"] and memo("light", make) is kept["light"]
-    assert memo("b", make, 4) is not kept["b"]
-    large = memo("large", make, 1000)
-    assert memo("large", make, 1000) is large and memo("light", make) is kept["light"]
-    assert memo("a", make, 4) is not kept["a"]
+    kept = {key: memo.get(key, make, size) for key, size in (("a", 4), ("b", 4), ("light", 0))}
+    assert memo.get("a", make, 4) is kept["a"]
+    memo.get("c", make, 4)
+    assert memo.get("a", make, 4) is kept["a"] and memo.get("light", make) is kept["light"]
+    assert memo.get("b", make, 4) is not kept["b"]
+    large = memo.get("large", make, 1000)
+    assert memo.get("large", make, 1000) is large and memo.get("light", make) is kept["light"]
+    assert memo.get("a", make, 4) is not kept["a"]
 
 
 def test_what_a_failing_make_leaves_is_made_again():
@@ -43,8 +43,8 @@ def test_what_a_failing_make_leaves_is_made_again():
     memo = Memo()
     for _ in range(2):
         with pytest.raises(ValueError, match="lost"):
-            memo("a", fail)
-    assert memo("a", lambda: 1) == 1
+            memo.get("a", fail)
+    assert memo.get("a", lambda: 1) == 1
 
 
 @pytest.mark.parametrize(
@@ -52,10 +52,10 @@ def test_what_a_failing_make_leaves_is_made_again():
 )
 def test_a_copy_begins_empty(copied):
     memo, make = Memo(7), Maker()
-    first = memo("a", make)
+    first = memo.get("a", make)
     other = copied(memo)
-    assert other.most_bytes == 7 and other("a", make) is not first
-    assert memo("a", make) is first
+    assert other.most_bytes == 7 and other.get("a", make) is not first
+    assert memo.get("a", make) is first
 
 
 def test_threads_make_things_in_turn_and_each_once():
@@ -69,7 +69,7 @@ def test_threads_make_things_in_turn_and_each_once():
         return object()
 
     threads = [
-        threading.Thread(target=lambda key=key: made.append((key, memo(key, make))))
+        threading.Thread(target=lambda key=key: made.append((key, memo.get(key, make))))
         for key in "aabb" * 2
     ]
     for thread in threads:

@@ -21,7 +21,7 @@ from periscopy_sim.errors import PeriscopyError, SceneError
 from periscopy_sim.evaluation.metrics import METRICS, measured
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
 from periscopy_sim.evaluation.workers import compute, connect
-from periscopy_sim.evaluation.world import World, WorldMaker
+from periscopy_sim.evaluation.world import World
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.methods import estimates_by, without_addresses
@@ -48,7 +48,8 @@ class Sweep:
     Attributes
     ----------
     world
-        A `World`, or what makes one of values of `vary`.
+        A `World`, or what makes one of an SNR and values of `vary`, and has its `axes`, `hidden`,
+        `channels`, `measures`, `conditions` and `conditions_of`.
     sbrs, snrs
         Signal-to-background ratios, infinite without ambient light, and signal-to-noise ratios in
         dB.
@@ -71,7 +72,7 @@ class Sweep:
         If something to vary is missing or doubled, or a number is out of range.
     """
 
-    world: WorldMaker
+    world: Any
     sbrs: Sequence[float]
     snrs: Sequence[float] = (60.0,)
     seeds: Sequence[int] = (0,)
@@ -116,7 +117,7 @@ class Sweep:
     def photograph(self, cell: Values) -> Array:
         """Return the measurement of a cell; see `World.photograph`."""
         values = {name: cell[name] for name in LIGHT}
-        world = self.world(cell["snr"], **{n: cell[n] for n in self.vary})
+        world: World = self.world(cell["snr"], **{n: cell[n] for n in self.vary})
         return world.photograph(**values, base=self.seed)
 
 

@@ -2,9 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -166,7 +166,7 @@ class World:
         return float(1 / (self.signals[image].used.mean() * (1 + 1 / sbr)))
 
     def __call__(self, snr: float, **values: Any) -> Self:  # noqa: ARG002  of all SNRs
-        """Return the world, of a sweep that varies nothing in it; see `WorldMaker`."""
+        """Return the world, of a sweep that varies nothing in it."""
         if values:
             raise PeriscopyError(f"a world has no {', '.join(values)}; give what makes worlds")
         return self
@@ -203,40 +203,6 @@ class World:
             },
             "background": {n: array_sha256(each.values) for n, each in self.backgrounds.items()},
         }
-
-
-class WorldMaker(Protocol):
-    """What makes the worlds of a sweep; a `World` is such, of itself.
-
-    All have methods, images and ambient light of the same names.
-    """
-
-    @property
-    def axes(self) -> Mapping[str, Sequence[str]]:
-        """These names, by ``algorithm``, ``image`` and ``background``."""
-
-    @property
-    def hidden(self) -> Hidden:
-        """The hidden surfaces; a sweep's axis ``hidden`` may have other sizes."""
-
-    @property
-    def channels(self) -> int:
-        """Channels of the images."""
-
-    @property
-    def measures(self) -> Mapping[str, Mapping[str, Any]]:
-        """Further numbers that some methods return for a photograph; see `World`."""
-
-    @property
-    def conditions(self) -> Mapping[str, Any]:
-        """All that results depend on beside the values of axes, of JSON's types."""
-
-    @property
-    def conditions_of(self) -> Mapping[str, Mapping[str, Any]]:
-        """The same of what only the results of single values of an axis depend on, by axis."""
-
-    def __call__(self, snr: float, **values: Any) -> World:
-        """Return the world of photographs of an SNR, at values of the axes that a sweep varies."""
 
 
 TURNS = {"": (1, 1), " up-down": (-1, 1), " left-right": (1, -1), " both": (-1, -1)}

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -45,6 +45,15 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         _here.process = before
+
+
+Stage = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+"""Receives the name of a long computation, and gives a function of the fraction that is done."""
+
+
+def silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
+    """Show no progress."""
+    return nullcontext(lambda _: None)
 
 
 LONG = 2.0

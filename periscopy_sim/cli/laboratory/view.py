@@ -20,7 +20,7 @@ from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.extras import require_all
 from periscopy_sim.reconstruction.registry import DEFAULT, libraries_of
-from periscopy_sim.storage.ambient_library import find_condition
+from periscopy_sim.shipped import find_condition
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.pictures import write_png

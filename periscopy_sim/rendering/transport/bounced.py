@@ -75,6 +75,13 @@ class BouncedLight:
         with threadpool_limits(1):  # the last bits follow the number of threads
             return np.asarray(self.over_wall[rows] @ self.mean)
 
+    def added_to(self, A: NDArray[np.float32], bounces: int | None) -> "BouncedTransport":
+        """Add this to a direct A, (M, N), in place: it becomes the channels' mean."""
+        for start in range(0, len(A), 1024):  # so many rows bound the memory
+            rows = slice(start, start + 1024)
+            A[rows] += self.rows(rows)
+        return BouncedTransport(A, self, bounces)
+
     @cached_property
     def colour(self) -> NDArray[np.float32]:
         """(3, K, N) by which each channel differs from their mean."""
@@ -218,10 +225,7 @@ def add_bounces(
     """
     A = np.require(checked_matrix(A, "A"), requirements="W")
     bounced = render_bounced_light(scenario, bounces=bounces, seed=seed, progress=progress)
-    for start in range(0, len(A), 1024):  # so many rows bound the memory
-        rows = slice(start, start + 1024)
-        A[rows] += bounced.rows(rows)
-    return BouncedTransport(A, bounced, bounces)
+    return bounced.added_to(A, bounces)
 
 
 def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:

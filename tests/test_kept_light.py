@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
+from periscopy_sim.storage.ambient_library import ambient_light, ambient_photographs, cached_light
 
 import periscopy_sim as ps
 from periscopy_sim.rendering.ambient import background
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage import ambient_library
-from periscopy_sim.storage.ambient_library import ambient_light, ambient_photographs, cached_light
 
 OVERCAST = find_scene("ambient/overcast")
 
