@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import InputError, checked_numbers, plain_array
+from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.scene import MONITOR, Scene
 
 GAUSS = 0.5 / np.sqrt(3.0)
@@ -180,7 +181,7 @@ class Hidden(Mapping[str, Surface]):
             return hidden
         sizes: Any = hidden if isinstance(hidden, Mapping) else {MONITOR: hidden}
         for name, size in sizes.items():
-            if len(checked_numbers(size, f"the size of '{name}'", 1, whole=True)) != 2:
+            if len(checked(f"the size of '{name}'", size, "side")) != 2:
                 raise InputError(f"the size of '{name}' is {size}: give (rows, columns)")
         return cls({name: Surface.flat((int(R), int(C))) for name, (R, C) in sizes.items()})
 

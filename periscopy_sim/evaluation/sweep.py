@@ -26,9 +26,9 @@ from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.methods import estimates_by, without_addresses
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.limits import SMALLEST
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.machine import timed
-from periscopy_sim.numerics.validation import InputError, checked_number, checked_numbers
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.own_code import OwnError
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -85,10 +85,11 @@ class Sweep:
         """Reject settings that no sweep can have."""
         if not hasattr(self.world, "conditions_of"):
             raise InputError(f"the world is of type {type(self.world).__name__}: give a ps.World")
-        checked_numbers(self.sbrs, "sbrs", SMALLEST, math.inf)
-        checked_numbers(self.snrs, "snrs")
-        checked_numbers(self.seeds, "seeds", 0, whole=True)
-        checked_number(self.seed, "seed", 0, whole=True)
+        kinds = {"sbrs": "sbr", "snrs": "decibels", "seeds": "seed", "seed": "seed"}
+        for name, kind in kinds.items():
+            checked(name, values := getattr(self, name), kind)
+            if (name == "seed") != (np.ndim(values) == 0):
+                raise InputError(f"{name} {values!r}: give a list of numbers; of seed, one")
         if not isinstance(self.vary, Mapping):
             raise InputError(f"vary is {self.vary!r}: give a dictionary of axes and their values")
         for name, values in self.vary.items():

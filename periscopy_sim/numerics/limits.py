@@ -11,7 +11,7 @@ from typing import Any
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
-from periscopy_sim.numerics.validation import InputError, checked_number
+from periscopy_sim.numerics.validation import checked_number
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -65,18 +65,10 @@ def in_range(kind: str, *values: float) -> bool:
 
 
 def checked(name: str, values: Any, kind: str) -> list[float]:
-    """Return numbers that a user gives, one or several, if they are of a kind in `RANGES`.
-
-    A PeriscopyError names them as the user does.
-    """
-    is_list, numbers = isinstance(values, Iterable) and not isinstance(values, str), list[float]()
-    for each in values if is_list else [values]:
-        try:
-            numbers.append(checked_number(each, name, *RANGES[kind], whole=kind in WHOLE))
-        except InputError as error:
-            named = f"{name}{each}" if name.endswith("=") else f"{name} {each}"
-            raise PeriscopyError(f"{named}: {str(error).partition(': ')[2]}") from error
-    return numbers
+    """Return `checked_number`s that a user gives, one or several, of a kind in `RANGES`."""
+    is_list = isinstance(values, Iterable) and not isinstance(values, str)
+    given, whole = values if is_list else [values], kind in WHOLE
+    return [checked_number(each, name, *RANGES[kind], whole=whole) for each in given]
 
 
 def number_of(text: str) -> float:

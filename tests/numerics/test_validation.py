@@ -35,7 +35,7 @@ def scene():
 )
 def test_photographs_name_what_is_no_number(scene, wrong):
     (name,) = wrong
-    with pytest.raises(ps.PeriscopyError, match=f"^{name} is "):
+    with pytest.raises(ps.PeriscopyError, match=f"^{name} "):
         ps.render_photograph(scene, IMAGE, **wrong)
 
 
