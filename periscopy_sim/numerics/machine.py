@@ -56,6 +56,19 @@ def silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
     return nullcontext(lambda _: None)
 
 
+def rising(progress: Callable[[float], None] | None) -> Callable[[float], None]:
+    """Return a function that reports a fraction done, the largest so far: estimates may fall."""
+    most = 0.0
+
+    def report(done: float) -> None:
+        nonlocal most
+        most = max(most, done)
+        if progress is not None:
+            progress(most)
+
+    return report
+
+
 LONG = 2.0
 """Seconds of a call beside which what its first run compiles does not count."""
 
