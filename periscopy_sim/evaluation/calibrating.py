@@ -41,10 +41,6 @@ def measures_of(units: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     return {**MEASURES, **each}
 
 
-BYTES = 400
-"""Of a calibration for each wall point: its scenario and its residual."""
-
-
 @dataclass(frozen=True, eq=False)
 class Calibrated:
     """A method whose scene is calibrated by the photograph that it reconstructs.
@@ -76,7 +72,7 @@ class Calibrated:
         wall = replace(self.wall, values=np.asarray(values, np.float64))
         key = "calibration", self.scenario.digest, array_sha256(wall.values), wall.conditions
         make = partial(self.scenario.calibrate, wall, seed=0)
-        return self.scenario.memo.get(key, make, BYTES * len(self.scenario.view.points))
+        return self.scenario.memo.get(key, make, 16 * self.scenario.view.points.nbytes)
 
     def reconstruct(self, photograph: Image) -> Any:
         """Recover the hidden image, (R, C, channels), by the method that `fitted_by` returns.

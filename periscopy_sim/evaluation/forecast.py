@@ -97,7 +97,10 @@ def seconds_of(sweep: Sweep, work: SweepWork, first: Values, threads: int) -> fl
     wall = shots[0][1]
     fresh = replace(worlds, scenario=replace(worlds.scenario, memo=Memo()))
     for each in (worlds, fresh):  # without what the first one compiles
-        of_matrices, _ = _clock(each.plans, values)
+        scene = each.assumed(values)
+        of_matrices = sum(
+            _clock(scene.transport, each.noise, method)[0] for method in each.methods.values()
+        )
         of_fit, _ = _clock(each.fitted, values, wall)
         if of_matrices + of_fit > LONG:
             break

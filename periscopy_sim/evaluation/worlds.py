@@ -35,7 +35,6 @@ from periscopy_sim.storage.outputs.provenance import as_text, provenance
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Method, Note
-    from periscopy_sim.rendering.transport.plan import TransportPlan
 
 KNOWN = "assumed"
 ASSUMED = f"{KNOWN}."
@@ -45,9 +44,6 @@ DRAW = "ruler"
 TRUE, RULER, CALIBRATED = "true", "ruler", "calibrated"
 """What methods know of the numbers that declare an error: the true ones, those that a ruler reads,
 or what a calibration by each photograph makes of these."""
-
-BYTES = 200
-"""Of a scenario for each wall point: its place, its normal and what the view computes of them."""
 
 OF_LIGHT = "samples", "model"
 OF_SCENE = "scene", "hidden"
@@ -113,9 +109,7 @@ class Worlds:
     ) -> World:
         """Return the world, in its own light or another; its methods are fitted first."""
         true, signals = self.at(values), {n: self.signal(n, snr, values) for n in self.shown}
-        wall = next(iter(signals.values()))
-        calibrates = values.get(KNOWN) == CALIBRATED
-        plans = {} if calibrates else self.plans(values)
+        wall, calibrates = next(iter(signals.values())), values.get(KNOWN) == CALIBRATED
         fitted = self._calibrated(values, wall) if calibrates else self.fitted(values, wall)
         if lights is None:
             lights = {name: self._light(true, name) for name in self.ambient}
@@ -128,7 +122,7 @@ class Worlds:
             truths={name: true.image(names) for name, names in self.shown.items()},
             backgrounds=flips(seen) if self.flips else seen,
             methods=fitted,
-            transport={name: plan.origin for name, plan in plans.items()},
+            transport={} if calibrates else {n: each.plan.origin for n, each in fitted.items()},
             draw=int(values.get(DRAW, 0)),
             errors=errors,
             measures=self.measures,
@@ -154,58 +148,52 @@ class Worlds:
         if name in self.photographs:
             return self.photographs[name]
         true = self.at(values)
-        picture, bounces, seed = true.image(self.shown[name]), true.light.bounces, true.seed
-        own = replace(true, seed=_seed_of(true, name))
+        own, bounces = replace(true, seed=_seed_of(true, name)), true.light.bounces
         with self.progress(f"photograph: {name}") as done:
+            picture = true.image(self.shown[name])
             light = own.rendered(picture, snr=snr, bounces=bounces, progress=done)
-        error = light.relative_error
         if self.out is not None:
             places = filter(None, [self.place(values)])
             file = self.out.joinpath(*places, f"photograph_{name}_{snr:.9g}dB.exr")
             if file not in self._written:
-                made = {**provenance(true.document, seed, self.command), "bounces": bounces}
-                made |= {"camera": true.view.camera, "image": self.shown[name]}
-                numbers = {"relative_error": error, "made_for_snr": snr}
+                made = {"camera": true.view.camera, "image": self.shown[name], "bounces": bounces}
+                made |= provenance(true.document, true.seed, self.command)
+                numbers = {"relative_error": light.relative_error, "made_for_snr": snr}
                 write_exr(file, light.photograph, {**as_text(made), **numbers})
                 self._written.add(file)
         y = Photograph.of(light.photograph, mask=self.mask, monitor_off=self.monitor_off)
-        return replace(y, relative_error=error)
+        return replace(y, relative_error=light.relative_error)
 
-    def plans(self, values: Mapping[str, Any]) -> "dict[str, TransportPlan]":
-        """Make an A for each method, as fine as its photographs need, and return how."""
-        scenario = self.assumed(values)
-        plans = {n: scenario.plan(self.noise, method) for n, method in self.methods.items()}
-        for plan, name in {plan: name for name, plan in plans.items()}.items():
-            verb = "rendering" if plan.by == "rays" else "computing"
-            with self.progress(f"{verb} the transport matrix") as done:
+    def fitted(self, values: Mapping[str, Any], wall: Photograph) -> dict[str, Any]:
+        """Return the methods, each fitted to an A as fine as its photographs need."""
+        scenario, methods = self.assumed(values), dict[str, Any]()
+        for name, fit in self._fits(values, wall).items():
+            with self.progress(f"fitting {name}") as done:
                 scenario.transport(self.noise, self.methods[name], progress=done)
-        return plans
+                methods[name] = fit(scenario)
+        return methods
 
-    def fitted(self, values: Mapping[str, Any], wall: Photograph) -> "dict[str, Method]":
-        """Return the methods, each fitted to the scene that is assumed at values of axes."""
-        with self.progress("fitting the methods"):
-            scenario, fits = self.assumed(values), self._fits(values, wall)
-            return {name: fit(scenario) for name, fit in fits.items()}
-
-    def _fits(
-        self, values: Mapping[str, Any], wall: Photograph
-    ) -> "dict[str, Callable[[Scenario], Method]]":
-        """Return what fits each method to a scene; true values have no errors."""
-        errors: dict[str, float] | None = {} if _is_known(values) else None
-        fits = dict[str, Callable[[Scenario], "Method"]]()
-        for name, method in self.methods.items():
-            own = f"{name}."
-            settings = {n.removeprefix(own): v for n, v in values.items() if n.startswith(own)}
-            fits[name] = partial(_fit, method, wall, self.noise, errors, settings)
-        return fits
-
-    def _calibrated(self, values: Mapping[str, Any], wall: Photograph) -> "dict[str, Method]":
+    def _calibrated(self, values: Mapping[str, Any], wall: Photograph) -> dict[str, Any]:
         """Return the methods, each of which calibrates the ruler's scene by the photograph."""
         document, ruler = self.at(values).document, self.assumed(values)
         names = tuple(free_parameters(document))
         truth = dict(zip(names, start_values(document, names).tolist(), strict=True))
         fits = self._fits(values, wall).items()
         return {name: Calibrated(ruler, truth, wall, fit) for name, fit in fits}
+
+    def _fits(
+        self, values: Mapping[str, Any], wall: Photograph
+    ) -> "dict[str, Callable[[Scenario], Method]]":
+        """Return what fits each method to a scene; true values have no errors."""
+        errors: dict[str, float] | None = {} if _is_known(values) else None
+
+        def options(own: str) -> dict[str, float]:
+            return {n.removeprefix(own): v for n, v in values.items() if n.startswith(own)}
+
+        return {
+            name: partial(_fit, method, wall, self.noise, errors, options(f"{name}."))
+            for name, method in self.methods.items()
+        }
 
     def matrices(self, values: Mapping[str, Any]) -> int:
         """Return how many matrices the methods need at values of axes; none if they calibrate."""
@@ -326,7 +314,7 @@ class Worlds:
             return replace(made, memo=base.memo)
 
         key = (*texts.items(), *whole.items())
-        return self._scenarios.get(key, make, BYTES * len(base.view.points))
+        return self._scenarios.get(key, make, 8 * base.view.points.nbytes)
 
     def place(self, values: Mapping[str, Any], of: str = "") -> str:
         """Return what tells the true scene, or the ``assumed.`` one, from those of other values."""
