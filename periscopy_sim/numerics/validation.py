@@ -56,7 +56,7 @@ def checked_number(
         kind = "whole " if whole else "finite " if most == FINITE else ""
         quotes = ", without quotes" if isinstance(value, str) else ""
         told = name if name.endswith("=") else f"{name} "
-        raise InputError(f"{told}{number!r}: give a {kind}number{limits}{quotes}")
+        raise InputError(f"{told}{number}: give a {kind}number{limits}{quotes}")
     return int(number) if whole else float(number)
 
 
