@@ -6,18 +6,20 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from periscopy_sim.errors import SceneError
+from periscopy_sim.errors import PeriscopyError, SceneError
 from periscopy_sim.evaluation.sweep import Sweep, cell_seconds
 from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.world import flipped_names
-from periscopy_sim.evaluation.worlds import Worlds
+from periscopy_sim.evaluation.worlds import ASSUMED, Worlds
 from periscopy_sim.memo import Memo
 from periscopy_sim.numerics.machine import LONG
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.ambient.background import Background
+from periscopy_sim.scenario import Scenario
 
 Result = TypeVar("Result")
 
@@ -36,6 +38,7 @@ SCENES = 8
 class SweepWork:
     """What a sweep makes: results, of which some are missing, and what these need."""
 
+    sweep: Sweep  # of `Worlds`
     sizes: dict[str, int]  # of the axes; backgrounds without their flips
     flips: int
     missing: int
@@ -60,68 +63,81 @@ class SweepWork:
             "matrix": sum(self.matrices.values()), "calibration": len(self.calibrations),
         }  # fmt: skip
 
+    @classmethod
+    def of(cls, sweep: Sweep, missing: Sequence[Values]) -> Self:
+        """Return what missing cells of a sweep need."""
+        worlds: Worlds = sweep.world
+        sizes = {name: len(values) for name, values in sweep.axes.items()}
+        flips = len(flipped_names("", worlds.flips))
+        sizes["background"] //= flips
+        work, places = cls(sweep, sizes, flips, len(missing)), dict[str, Any]()
+        rendered = worlds.shown.keys() - worlds.photographs.keys()
+        for cell in missing:
+            values = {name: cell[name] for name in sweep.vary}
+            place = worlds.place(values)
+            places.setdefault(place, values)
+            work.photographs |= {(place, name, cell["snr"]) for name in rendered}
+            if count := worlds.matrices(values):
+                light = worlds.light(values)
+                work.matrices[worlds.place(values, ASSUMED), light.samples, light.by] = count
+                work.fits.add((*values.values(),))
+                work.cells[cell["algorithm"]] += 1
+                work.first = work.first or cell
+            else:
+                work.calibrations.add((*(v for name, v in cell.items() if name != "algorithm"),))
+        for values in [*places.values()][:SCENES]:
+            with suppress(SceneError):  # which fails alone
+                work.lights |= worlds.at(values).missing_ambient(worlds.traced)
+        return work
 
-def work_of(sweep: Sweep, missing: Sequence[Values]) -> SweepWork:
-    """Return what missing cells of a sweep of `Worlds` need."""
-    worlds: Worlds = sweep.world
-    sizes, flips = {n: len(v) for n, v in sweep.axes.items()}, len(flipped_names("", worlds.flips))
-    work = SweepWork({**sizes, "background": sizes["background"] // flips}, flips, len(missing))
-    rendered, places = worlds.shown.keys() - worlds.photographs.keys(), dict[str, Any]()
-    for cell in missing:
-        values = {name: cell[name] for name in sweep.vary}
-        place = worlds.place(values)
-        places.setdefault(place, values)
-        work.photographs |= {(place, name, cell["snr"]) for name in rendered}
-        if count := worlds.matrices(values):
-            light = worlds.light(values)
-            work.matrices[worlds.place(values, "assumed."), light.samples, light.by] = count
-            work.fits.add((*values.values(),))
-            work.cells[cell["algorithm"]] += 1
-            work.first = work.first or cell
-        else:
-            work.calibrations.add((*(v for name, v in cell.items() if name != "algorithm"),))
-    for values in [*places.values()][:SCENES]:
-        with suppress(SceneError):  # which fails alone
-            work.lights |= worlds.at(values).missing_ambient(worlds.traced)
-    return work
+    def seconds(self, threads: int) -> float | None:
+        """Return how long the missing cells take on some threads, but for calibrations.
 
-
-def seconds_of(sweep: Sweep, work: SweepWork, first: Values, threads: int) -> float:
-    """Return how long the missing cells of a sweep take, but for calibrations.
-
-    The parts of the first one's world, which are made, and one more fit are timed.
-    """
-    worlds: Worlds = sweep.world
-    values, snr = {name: first[name] for name in sweep.vary}, first["snr"]
-    shots = [_clock(worlds.signal, name, snr, values) for name in worlds.shown]
-    wall = shots[0][1]
-    fresh = replace(worlds, scenario=replace(worlds.scenario, memo=Memo()))
-    for each in (worlds, fresh):  # without what the first one compiles
-        scene = each.assumed(values)
-        of_matrices = sum(
-            _clock(scene.transport, each.noise, method)[0] for method in each.methods.values()
+        The parts of the first one's world, which are made, and one more fit are timed. None where
+        all calibrate, or that world is an error, which the sweep meets.
+        """
+        worlds: Worlds = self.sweep.world
+        if (first := self.first) is None:
+            return None
+        values, snr = {name: first[name] for name in self.sweep.vary}, first["snr"]
+        try:
+            shots = [_clock(worlds.signal, name, snr, values) for name in worlds.shown]
+            wall = shots[0][1]
+            of_matrices, of_fit = self._fit(worlds, values, wall)
+            if of_matrices + of_fit < LONG:  # without what the first one compiles
+                fresh = replace(worlds, scenario=replace(worlds.scenario, memo=Memo()))
+                of_matrices, of_fit = self._fit(fresh, values, wall)
+            even = Background(np.ones_like(wall.values), 0.0, 0.0)
+            world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
+            trial = {name: {**first, "algorithm": name} for name in self.cells}
+            of_cell, writing = cell_seconds(self.sweep, world, trial)
+            of_lights = self._light(worlds.at(values), worlds)
+        except PeriscopyError:
+            return None
+        return (
+            max(seconds for seconds, _ in shots) * (len(self.photographs) - len(shots))
+            + of_lights
+            + of_matrices * (sum(self.matrices.values()) / worlds.matrices(values) - 1)
+            + of_fit * (len(self.fits) - 1)
+            + sum(self.cells[n] * (each / threads + writing) for n, each in of_cell.items())
         )
-        of_fit, _ = _clock(each.fitted, values, wall)
-        if of_matrices + of_fit > LONG:
-            break
-    even = Background(np.ones_like(wall.values), 0.0, 0.0)
-    world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
-    trial = {name: {**first, "algorithm": name} for name in work.cells}
-    of_cell, writing = cell_seconds(sweep, world, trial)
-    place, costs = worlds.at(values), [LIGHT_COST.get(each, 1.0) for each in work.lights.values()]
-    of_light = 0.0
-    if missing := [*place.missing_ambient(worlds.traced).values()]:
+
+    @staticmethod
+    def _fit(worlds: Worlds, values: Values, wall: Photograph) -> tuple[float, float]:
+        """Return the seconds of the matrices, and of fits to them."""
+        scene, methods = worlds.assumed(values), worlds.methods.values()
+        matrices = sum(_clock(scene.transport, worlds.noise, each)[0] for each in methods)
+        return matrices, _clock(worlds.fitted, values, wall)[0]
+
+    def _light(self, scenario: Scenario, worlds: Worlds) -> float:
+        """Return the seconds of missing ambient light but for the quickest, which is made."""
+        costs = sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
+        missing = scenario.missing_ambient(worlds.traced).values()
+        if not missing:
+            return 0.0
         name = min(missing, key=lambda each: LIGHT_COST.get(each, 1.0))
-        of_light, _ = _clock(place.ambient, name, progress=worlds.progress)
-        of_light /= LIGHT_COST.get(name, 1.0)
-        costs.remove(LIGHT_COST.get(name, 1.0))
-    return (
-        max(seconds for seconds, _ in shots) * (len(work.photographs) - len(shots))
-        + of_light * sum(costs)
-        + of_matrices * (sum(work.matrices.values()) / worlds.matrices(values) - 1)
-        + of_fit * (len(work.fits) - 1)
-        + sum(work.cells[n] * (each / threads + writing) for n, each in of_cell.items())
-    )
+        seconds, _ = _clock(scenario.ambient, name, progress=worlds.progress)
+        return seconds * (costs / LIGHT_COST.get(name, 1.0) - 1)
 
 
 def _clock(make: Callable[..., Result], *given: Any, **named: Any) -> tuple[float, Result]:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.evaluation.forecast import SweepWork, seconds_of, work_of
+from periscopy_sim.evaluation.forecast import SweepWork
 from periscopy_sim.evaluation.sweep import LIGHT, Sweep, run_sweep
-from periscopy_sim.evaluation.workers import check_scheduler, thread_count
+from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.evaluation.world import flipped_names
 from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
 from periscopy_sim.extras import SWEEP, require_all
@@ -77,7 +76,6 @@ def sweep(
     monitor_off: Mapping[str, Array] | None = None,
     scheduler: str | None = None,
     planned: Callable[[SweepWork], None] | None = None,
-    estimated: Callable[[float], None] | None = None,
     timed: Callable[[str, float], None] | None = None,
     noted: Callable[[Sequence[Note | str]], None] = warn_of,
     progress: Stage = silent,
@@ -120,9 +118,8 @@ def sweep(
         The pixels that rendered photographs use, and photographs with the monitor off, by name.
     scheduler
         Address of a Dask scheduler; None uses this machine's cores.
-    planned, estimated
-        Called before the sweep: with what it makes, and with the seconds that it takes, but for
-        calibrations.
+    planned
+        Called before the sweep, with what it makes; this tells how many seconds it takes.
     timed
         Called with the name of a method and a thread's seconds that it took for a photograph.
     noted
@@ -229,21 +226,13 @@ def sweep(
         world=worlds, sbrs=ratios, snrs=decibels, seeds=range(seeds), seed=scenario.seed,
         vary=axes, units=worlds.units(axes),
     )  # fmt: skip
-
-    def forecast(missing: Sequence[Mapping[str, Any]]) -> None:
-        work = work_of(whole, missing)
-        if planned is not None:
-            planned(work)
-        if estimated is not None and work.first is not None:
-            with suppress(PeriscopyError):  # the sweep meets it, too
-                estimated(seconds_of(whole, work, work.first, thread_count(scheduler)))
-
     with TemporaryDirectory() as temporary, progress("sweeping") as report:
         folder = worlds.out or Path(temporary)
         with resumed_folder(folder, settings, "sweep", (CELLS, *RESULTS)):
             results = run_sweep(
-                whole, folder, scheduler=scheduler, planned=forecast, progress=report, timed=timed
-            )
+                whole, folder, scheduler=scheduler, progress=report, timed=timed,
+                planned=planned and (lambda missing: planned(SweepWork.of(whole, missing))),
+            )  # fmt: skip
     noted(_notes(scenario, results, worlds, by_default=not (light.by or light.samples)))
     return results
 

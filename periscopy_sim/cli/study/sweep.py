@@ -78,6 +78,7 @@ def sweep(
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
     from periscopy_sim.evaluation.study import DARK, conditions_of
+    from periscopy_sim.evaluation.workers import thread_count
 
     names = options.parse_list("--methods", methods)
     require_all(*SWEEP, *libraries_of(*names))
@@ -103,12 +104,13 @@ def sweep(
     texts = {"sbr": sbr, "snr": snr}
     kept = [n for n in texts if n not in axes and not (n == "sbr" and places == [DARK])]
     levels = {name: parse_values(texts[name], f"--{name}") for name in kept}
-    seconds, calibrations = defaultdict[str, list[float]](list), list[str]()
+    seconds = defaultdict[str, list[float]](list)
 
     def planned(work: "SweepWork") -> None:
         _show_work(work)
-        if work.calibrations:
-            calibrations.append(counted(len(work.calibrations), "calibration"))
+        if (total := work.seconds(thread_count(scheduler))) is not None:
+            calibrations = counted(len(work.calibrations), "calibration")
+            show_time(total, *[calibrations] * bool(work.calibrations))
 
     def noted(notes: "Sequence[Note | str]") -> None:
         for each in notes:
@@ -118,7 +120,6 @@ def sweep(
         session.lit(light), shown, out, methods=names, ambient=places, flips=flips, seeds=seeds,
         vary=axes, **levels, photograph=wall, mask=mask, monitor_off=monitor_off,
         scheduler=scheduler, planned=planned,
-        estimated=lambda total: show_time(total, *calibrations),
         timed=lambda method, taken: seconds[method].append(taken), noted=noted, progress=progress,
         command=["periscopy", *sys.argv[1:]],
     )  # fmt: skip
