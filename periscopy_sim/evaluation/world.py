@@ -43,9 +43,6 @@ class World:
         How each method's A was made, by the method's name: `TransportPlan.origin`.
     draw
         A world that differs from others by chance, as by what a ruler reads, has noise of its own.
-    errors
-        Name of a hidden image, or of ambient light, to the own error of its photograph, over the
-        photograph's root mean square; without an entry it is not known, and counts as none.
     measures
         Further numbers that some methods return by ``measures(photograph)``: long names and units.
 
@@ -61,7 +58,6 @@ class World:
     methods: Mapping[str, Method]
     transport: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     draw: int = 0
-    errors: Mapping[str, float] = field(default_factory=dict)
     measures: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -155,11 +151,12 @@ class World:
 
         None where nothing is known of it.
         """
-        if not self.errors:
+        signal, ambient = self.signals[image], self.backgrounds[background]
+        errors = signal.relative_error, ambient.relative_error
+        if errors == (None, None):
             return None
-        signal, ambient = self.signals[image].used, self.backgrounds[background].used
-        errors = (self.errors.get(name, 0.0) for name in (image, background))
-        return composite_error(signal, ambient, sbr, *errors)
+        own = (each or 0.0 for each in errors)
+        return composite_error(signal.used, ambient.used, sbr, *own)
 
     def scale(self, image: str, sbr: float) -> float:
         """Return what `photograph` multiplies a signal by."""

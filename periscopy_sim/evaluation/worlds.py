@@ -20,9 +20,9 @@ from periscopy_sim.judgement import check_memory
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Mask
-from periscopy_sim.numerics.limits import RANGES, in_range, number_of, size_of
+from periscopy_sim.numerics.limits import checked, number_of, size_of
 from periscopy_sim.numerics.machine import Stage, silent
-from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.numerics.validation import InputError, checked_number
 from periscopy_sim.numerics.words import WAYS
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import Option
@@ -113,18 +113,19 @@ class Worlds:
         fitted = self._calibrated(values, wall) if calibrates else self.fitted(values, wall)
         if lights is None:
             lights = {name: self._light(true, name) for name in self.ambient}
-        seen = {n: seen_in(each.photograph, wall.channels) for n, each in lights.items()}
-        errors = {name: each.relative_error or 0.0 for name, each in signals.items()}
+        backgrounds = dict[str, Photograph]()
         for name, light in lights.items():
-            errors |= dict.fromkeys(flipped_names(name, self.flips), light.relative_error)
+            seen = {name: seen_in(light.photograph, wall.channels)}
+            for turned, image in (flips(seen) if self.flips else seen).items():
+                picture, error = np.asarray(image, np.float64), light.relative_error or None
+                backgrounds[turned] = Photograph(picture, relative_error=error)
         return World(
             signals=signals,
             truths={name: true.image(names) for name, names in self.shown.items()},
-            backgrounds=flips(seen) if self.flips else seen,
+            backgrounds=backgrounds,
             methods=fitted,
             transport={} if calibrates else {n: each.plan.origin for n, each in fitted.items()},
             draw=int(values.get(DRAW, 0)),
-            errors=errors,
             measures=self.measures,
         )
 
@@ -327,12 +328,9 @@ class Worlds:
 
     def light(self, values: Mapping[str, Any]) -> Light:
         """Return the light that is modelled at values of axes."""
-        varied: dict[str, Any] = {}
-        if "samples" in values:
-            varied["samples"] = int(values["samples"])
-        if "model" in values:
-            varied["by"] = WAYS[values["model"]]
-        return replace(self.scenario.light, **varied)
+        light = self.scenario.light
+        by = WAYS[values["model"]] if "model" in values else light.by
+        return replace(light, by=by, samples=int(values.get("samples", 0)) or light.samples)
 
 
 def _fit(
@@ -365,21 +363,15 @@ def _is_known(values: Mapping[str, Any]) -> bool:
 def _check_value(axis: str, value: Any, option: Option | None, unit: str) -> None:
     """Raise a PeriscopyError for a value that an axis cannot have."""
     words: dict[str, Sequence[str]] = {KNOWN: (TRUE, RULER, CALIBRATED), "model": [*WAYS]}
-    if axis == "scene":
-        return
-    if axis == "hidden":
-        if min(size_of(str(value))) < 1:
-            raise PeriscopyError(f"vary hidden={value}: give at least one patch")
-    elif axis in words:
-        if value not in words[axis]:
-            raise PeriscopyError(f"vary {axis}={value}: there are {', '.join(words[axis])}")
-    elif not isinstance(value, float):
+    kind, name = {DRAW: "seed", "samples": "rays"}.get(axis), f"vary {axis}="
+    if axis == "hidden" and min(size_of(str(value))) < 1:
+        raise PeriscopyError(f"{name}{value}: give at least one patch")
+    if axis in words and value not in words[axis]:
+        raise PeriscopyError(f"{name}{value}: there are {', '.join(words[axis])}")
+    if axis not in (*words, *OF_SCENE) and not isinstance(value, float):
         form = f"numbers in {unit}" if unit else "numbers"
-        raise PeriscopyError(f"vary {axis}={value}: write {form} without units, or 0:1:5")
-    elif kind := {DRAW: "seed", "samples": "rays"}.get(axis):
-        if not (value.is_integer() and in_range(kind, value)):
-            limits = "{} to {}".format(*RANGES[kind])
-            raise PeriscopyError(f"vary {axis}={value:g}: write whole numbers from {limits}")
-    elif option is not None and not option.least <= value <= option.most:
-        limits = f"{option.least:g} to {option.most:g}"
-        raise PeriscopyError(f"vary {axis}={value:g}: write numbers from {limits}")
+        raise PeriscopyError(f"{name}{value}: write {form} without units, or 0:1:5")
+    if kind is not None:
+        checked(name, value, kind)
+    if option is not None:
+        checked_number(value, name, option.least, option.most)
