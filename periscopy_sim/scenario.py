@@ -153,8 +153,8 @@ class Scenario(Geometry):
                     raise PeriscopyError(f"B has shape {own.shape}; give it {pixels} rows")
             return np.hstack([eq4() if B is None else B for B in self.light.ambient])
 
-        key, size = ("B", self._wall_digest, self._light_key), 4 * 512 * self.transport_shape[0]
-        return self.memo.get(key, make, size)
+        size = 4 * 512 * self.transport_shape[0]
+        return self.memo.get(("B", self._wall_digest, self._light_key), make, size)
 
     def plan(self, noise: float | None = None, method: "Name" = DEFAULT) -> "TransportPlan":
         """Return how A is made for photographs of some noise over their mean, and its own error.
@@ -227,7 +227,8 @@ class Scenario(Geometry):
             A = self._direct(plan, progress=progress).copy()
             render = partial(render_bounced_light, self, bounces=light.bounces, seed=self.seed)
             key = "bounces", self.digest, self.seed, light.bounces
-            return self.memo.get(key, render, 0, BouncedLight).added_to(A, light.bounces)
+            bounced = self.memo.get(key, render, self._bytes // 8, BouncedLight)
+            return bounced.added_to(A, light.bounces)
 
         key = "bounced", self.digest, self.seed, plan, light.strata, light.bounces
         return self.memo.get(key, make, self._bytes)
@@ -289,9 +290,8 @@ class Scenario(Geometry):
                 light = render_background(path, self, target=target, seed=seed, progress=report)
                 report(1.0)  # an interrupt may have stopped Mitsuba in the midst of it
             # To six digits: beyond those, results depend on the order in which BLAS adds.
-            errors = (
-                float(f"{each:.6g}") for each in (light.relative_error, light.brightness_error)
-            )
+            both = light.relative_error, light.brightness_error
+            errors = (float(f"{each:.6g}") for each in both)
             return Background(light.photograph.astype(np.float32), *errors)
 
         key, size = self._ambient_key(path, target), 12 * int(np.prod(self.photograph_shape))
@@ -542,9 +542,9 @@ class Scenario(Geometry):
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
         A = channels_mean(self.transport(noise, method))
-        given = self.light.matrix is not None or self.light.samples or self.light.by
-        plan = self.plan(noise, method)
-        return judgement.check_light(self, plan.origin, A, noise, method, by_default=not given)
+        light, origin = self.light, self.plan(noise, method).origin
+        by_default = light.matrix is None and not (light.samples or light.by)
+        return judgement.check_light(self, origin, A, noise, method, by_default=by_default)
 
     def judge(
         self,
