@@ -145,7 +145,8 @@ def _recover(
         for k, (solution, seconds) in enumerate(solved):
             images.append(hidden.images(solution.image))
             first = solution if k == 0 else first
-            records.append(video_metrics.record_of(k, names[k], seconds, solution.numbers()))
+            numbers = video_metrics.record_of(seconds, solution.numbers())
+            records.append({"frame": k, "name": names[k], **numbers})
             frame_done(k + 1, len(names))
     stacks = {n: np.stack([each[n] for each in images]).astype(np.float32) for n in hidden}
     return stacks, records, first

@@ -31,13 +31,13 @@ def timed_solutions(
             yield solution, share + time.perf_counter() - clock
 
 
-def record_of(frame: int, name: str, seconds: float, numbers: Mapping[str, Any]) -> Record:
-    """Return a frame's row of the table; of numbers by channel, the root mean square."""
+def record_of(seconds: float, numbers: Mapping[str, Any]) -> Record:
+    """Return a frame's numbers for the table; of those by channel, the root mean square."""
     means = {
         key: value if isinstance(value, int) else float(np.sqrt(np.mean(np.square(value))))
         for key, value in numbers.items()
     }
-    return {"frame": frame, "name": name, "seconds": seconds, **means}
+    return {"seconds": seconds, **means}
 
 
 def compare(records: Sequence[Record], images: Image, known: Image, of: str = "") -> None:

@@ -21,10 +21,9 @@ from numpy.typing import ArrayLike
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.live.frames import CameraFrame, Latest, Say, Source, open_source
 from periscopy_sim.live.movable import Movable
-from periscopy_sim.live.page import Control, Describe, button, slider
 from periscopy_sim.live.pictures import Check, Choice, FittedChoice, LivePictures, SizedLaboratory
 from periscopy_sim.live.preparation import Companions, RunningAverage
-from periscopy_sim.live.session import Job, LiveSession
+from periscopy_sim.live.session import Control, Describe, Job, LiveSession, button, slider
 from periscopy_sim.methods import find_method
 from periscopy_sim.numerics import Mask
 from periscopy_sim.numerics.limits import checked

@@ -81,12 +81,13 @@ def _in_colours(light: NDArray[np.float64], place: str | Path) -> NDArray[np.flo
 def write_png(
     path: Path, linear_image: ArrayLike, text: Mapping[str, str], factor: int = 1
 ) -> None:
-    """Write (rows, columns, 3) linear light, clipped to [0, 1], as an 8-bit sRGB PNG.
+    """Write (rows, columns[, 3]) linear light, clipped to [0, 1], as an 8-bit sRGB PNG.
 
     The same inputs give the same bytes. `text` holds text chunks, such as provenance; of each
     pixel, factor by factor are written. An image of another shape or with NaN is a ValueError.
     """
     image = np.asarray(linear_image)
+    image = np.stack([image] * 3, axis=2) if image.ndim == 2 else image  # a mask
     if image.ndim != 3 or image.shape[2] != 3 or np.isnan(image).any():
         raise ValueError(f"image: expected (rows, columns, 3) without NaN, got {image.shape}")
     pixels = srgb_bytes(image).repeat(factor, axis=0).repeat(factor, axis=1)

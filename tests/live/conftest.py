@@ -5,7 +5,6 @@ import pytest
 
 from experiments.benchmarks import live
 from periscopy_sim.live.movable import find_movables
-from periscopy_sim.live.page import Page
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.scenario import load_scenario
@@ -46,14 +45,14 @@ def choice(movables):
 @pytest.fixture(scope="module")
 def opened():
     """Run sessions whose `shown` are the moments and the pictures that their pages have shown."""
-    shown, show = [], Page.show
+    shown, show = [], LiveSession.show
 
     def watched(page, pictures):
         show(page, pictures)
         shown.append((time.monotonic(), pictures))
 
     with ExitStack() as stack:
-        stack.enter_context(pytest.MonkeyPatch.context()).setattr(Page, "show", watched)
+        stack.enter_context(pytest.MonkeyPatch.context()).setattr(LiveSession, "show", watched)
 
         def open_session(scenario, place, light, save):
             first = Choice({}, "mushroom", place)

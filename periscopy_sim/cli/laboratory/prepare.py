@@ -85,7 +85,7 @@ def prepare(
         digests = ", ".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in photos)
         text = as_text({"photographs_sha256": digests, **prepared.record(), **session.provenance})
         write_exr(staged[0], prepared.values, text)
-        write_png(staged[1], np.repeat(prepared.mask[..., np.newaxis], 3, axis=2), text)
+        write_png(staged[1], prepared.mask, text)
         values = np.where(prepared.mask[..., None], prepared.values, np.nan)
         write_enlarged(staged[2], exposed(values), text)
     record(**prepared.record())

@@ -8,8 +8,6 @@ from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options
@@ -34,8 +32,7 @@ WRITING = Lock()
 
 _PHOTO = "A photograph. Without one: synthetic photographs."
 _PLACE = "Ambient light: a shipped place or a Mitsuba XML file."
-_HOST = "Where to listen; 0.0.0.0 is open to the network."
-Host = Annotated[str, option("ADDRESS", _HOST)]
+Host = Annotated[str, option("ADDRESS", "Where to listen; 0.0.0.0 is open to the network.")]
 Port = Annotated[int, option("NUMBER", "The port; 0 is any free one.", kind="port")]
 
 
@@ -58,28 +55,25 @@ def view(
     reconstruction and standard error. Ctrl-C ends the command.
     """
     check_page(host, port, method)
-    for flag, value in ("--ambient", ambient), ("--image", image):
-        if value and photo is not None:
-            raise ps.PeriscopyError(f"{flag} needs synthetic photographs; leave it or PHOTO out")
-    if mask and photo is None:
-        raise ps.PeriscopyError("--mask belongs to a photograph; give PHOTO, too")
+    others = {"--mask": mask} if photo is None else {"--ambient": ambient, "--image": image}
+    verb, remedy = ("needs", "give both") if photo is None else ("excludes", "give one of the two")
+    for flag in filter(others.get, others):
+        raise ps.PeriscopyError(f"{flag} {verb} PHOTO; {remedy}")
     if ambient:
         find_condition(ambient)
-    session, light, wall = WallSession(scene, hidden, define, mask=mask), None, None
+    session = WallSession(scene, hidden, define, mask=mask)
     with progress("loading the scene"):
         from periscopy_sim.live.pictures import Choice
         from periscopy_sim.live.session import LiveSession
 
         session.check_scene(method)
-        if photo is None:
-            image = image or "mushroom"
-            session.scenario.image(image)
-        else:
-            wall = session.wall(photo)
-        if ambient:  # its error is smooth: methods project it out
-            light = session.ambient_light(ambient, target=0.05).photograph
+        wall, first = (session.wall(photo), "") if photo else (None, image or "mushroom")
+        if first:
+            session.scenario.image(first)
+        # Its error is smooth: methods project it out.
+        light = session.ambient_light(ambient, target=0.05).photograph if ambient else None
         live = LiveSession(
-            session.scenario, Choice({}, image or "", ambient or "", method=method),
+            session.scenario, Choice({}, first, ambient or "", method=method),
             lambda pictures: write_view(out, session, pictures, photo), report_sentences,
             photograph=wall, light=light, host=host, port=port,
         )  # fmt: skip
@@ -106,10 +100,7 @@ def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: No
         worker = Thread(target=live.run, daemon=True)  # its long steps would delay Ctrl-C
         worker.start()
         if live.gate.is_open:
-            warn(
-                "other computers can open the page, and its address is sent without encryption; "
-                "leave --host out to keep the page on this computer"
-            )
+            warn("others can open the page, without encryption; leave --host out to prevent that")
         say(f"{live.gate.url} shows {name}; Ctrl-C ends it", is_result=True)
         while worker.is_alive() and not ends.is_set():
             worker.join(0.2)
@@ -129,25 +120,25 @@ def write_view(
     out: Path, session: Session, pictures: "LivePictures", photo: Path | None = None
 ) -> str:
     """Write pictures and their scene to a folder, in place of former ones; return what to say."""
-    scenario, choice, report = pictures.scenario, pictures.choice, pictures.report
-    provenance, photograph = session.provenance_of(scenario), pictures.photograph
-    values = {name: f"{value:.9g}" for name, value in choice.values.items()}
-    settings = {**asdict(choice), "psnr": pictures.psnr}
+    scenario, report, photograph = pictures.scenario, pictures.report, pictures.photograph
+    provenance = session.provenance_of(scenario)
+    text, images = as_text(provenance), scenario.hidden.images(pictures.image)
+    settings = {**asdict(pictures.choice), "psnr": pictures.psnr}
     if pictures.truth is None:
-        settings = {"values": choice.values, "method": choice.method}
+        settings = {name: settings[name] for name in ("values", "method")}
     with WRITING, output_folder(out, (*OPTIONAL, "photograph.exr", "mask.png")) as folder:
-        text, images = as_text(provenance), scenario.hidden.images(pictures.image)
-        write_copy(scenario.document, values, folder / "scene.xml")
+        write_copy(scenario.document, {}, folder / "scene.xml")
         if photo is None:
             write_exr(folder / "photograph.exr", photograph.values, text)
             if photograph.mask is not None:
-                write_png(folder / "mask.png", np.repeat(photograph.mask[..., None], 3, axis=2), {})
+                write_png(folder / "mask.png", photograph.mask, {})
         write_report(folder, report, scenario, images, {"photograph": photograph.values}, text)
         record = {
             "photograph": None if photo is None else str(photo),
-            "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
+            "hidden_shape": session.hidden_shape,
             "notes": report_sentences(report),
-            **({} if report.residual is None else report.residual.numbers()),
+            **(report.residual.numbers() if report.residual else {}),
+            "provenance": provenance,
         }
-        write_json(folder / "view.json", {**settings, **record, "provenance": provenance})
+        write_json(folder / "view.json", settings | record)
     return f"wrote {out}"

@@ -1,12 +1,10 @@
 """`periscopy watch`: photographs as they come, reconstructed on the page of `view`."""
 
-import csv
 import os
 from collections.abc import Mapping
-from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,13 +14,12 @@ from periscopy_sim.cli.messages import report_sentences
 from periscopy_sim.cli.options import OUTPUT, FirstMethodOption, argument, example_of, option
 from periscopy_sim.cli.output import conclude, output_files, progress, record, say, written
 from periscopy_sim.cli.session import PhotoSession
-from periscopy_sim.cli.study.forecast import counted
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.hidden import named
 from periscopy_sim.photographs.develop import average as averaged
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.storage.formats.decoding import LINEAR, SRGB
-from periscopy_sim.storage.outputs.growing import GrowingStack
+from periscopy_sim.storage.outputs.growing import GrowingStack, GrowingTable
 from periscopy_sim.storage.outputs.staging import unwritable_reported
 from periscopy_sim.storage.photographs import read_mask
 
@@ -65,11 +62,8 @@ def watch(
     if dark and black:
         raise PeriscopyError("a dark frame holds the black level; give one of the two")
     if (black or white) and encoding == SRGB:
-        raise PeriscopyError(
-            "--black, --white: a function's integers count as encoded for screens; leave them out, "
-            "or add --linear if the integers are linear light"
-        )
-    recorder = None if out is None else Recorder(out, session, source)
+        raise PeriscopyError("--black, --white: add --linear if the integers are linear light")
+    recorder = None if out is None else Recorder(out, session)
     with progress("loading the scene"):
         from periscopy_sim.live.frames import open_source
         from periscopy_sim.live.preparation import Companions
@@ -78,12 +72,11 @@ def watch(
         frames = open_source(source, linear=linear, white=white, has_black=bool(black))
         session.check_scene(method)
         mask, monitor_off = session.files()
-        of_frames = white, black, encoding
-        darkness = prepare.exposures(dark or (), white, encoding=encoding)
+        read = partial(prepare.exposures, white=white, black=black, encoding=encoding)
         companions = Companions(
             marks, read_mask(mask) if mask else None, black,
-            averaged(darkness, f"the dark frame {dark[-1]}") if dark else None,
-            {str(file): next(prepare.exposures([file], *of_frames)) for file in monitor_off},
+            averaged(read(dark), f"the dark frame {dark[-1]}") if dark else None,
+            {str(file): next(read([file])) for file in monitor_off},
             session.colours,
         )  # fmt: skip
         live = WatchSession(
@@ -95,9 +88,9 @@ def watch(
 
     def close() -> None:
         if recorder is not None:
-            recorder.close(live.record)
-        record(frames_shown=live.shown, frames_dropped=live.dropped)
-        say(f"{counted(live.shown, 'frame')} shown, {live.dropped} dropped")
+            recorder.close({"source": source, **live.record})
+        record(**live.record)
+        say(f"frames shown: {live.shown}, dropped: {live.dropped}")
         if live.verdict is not None:
             conclude(*session.judge(source, live.verdict))
 
@@ -115,16 +108,16 @@ class Recorder:
     which no camera can repeat.
     """
 
-    def __init__(self, folder: Path, session: PhotoSession, source: str) -> None:
+    def __init__(self, folder: Path, session: PhotoSession) -> None:
         if any(any(folder.glob(name)) for name in ("metrics.csv", "summary.json", "frames*.npy")):
             raise OutputError(f"{folder} holds a recording; name another folder for --out")
         # Before the first frame only a look: what fails before it leaves no empty folder.
         place = next(each for each in (folder, *folder.absolute().parents) if each.exists())
         if not (place.is_dir() and os.access(place, os.W_OK)):
             raise OutputError(f"cannot write {folder}; name another folder for --out")
-        self._folder, self._session, self._source, self._count = folder, session, source, 0
+        self._folder, self._session = folder, session
         self._stacks: dict[str, GrowingStack] = {}
-        self._file: TextIO | None = None
+        self._table: GrowingTable | None = None
 
     def __call__(self, pictures: "LivePictures", progress: "Progress") -> None:
         """Record a frame; coarse pictures, which a moving scene has, are left out."""
@@ -136,36 +129,28 @@ class Recorder:
         choice, residual = pictures.choice, pictures.report.residual
         row: dict[str, Any] = {
             "frame": progress.frame, "time": f"{progress.time:.4f}", "method": choice.method,
-            **record_of(progress.frame, "", pictures.seconds, pictures.report.numbers),
+            **record_of(pictures.seconds, pictures.report.numbers),
             "unexplained": residual.unexplained if residual else "",
             **{n: getattr(progress, n) for n in ("latency", "dropped", "averaged")},
-            "noise_left": progress.noise_left if progress.averaged > 1 else "", **choice.values,
+            "noise_left": progress.noise_left or "", **choice.values,
         }  # fmt: skip
-        del row["name"]
-        with WRITING, unwritable_reported(self._folder / "metrics.csv"):
-            if self._file is None:
+        with WRITING, unwritable_reported(self._folder):
+            if self._table is None:
                 self._folder.mkdir(parents=True, exist_ok=True)
-                file = (self._folder / "metrics.csv").open("w", encoding="utf-8", newline="")
-                # Another method may have other numbers, which are left out.
-                table = csv.DictWriter(file, [*row], extrasaction="ignore", lineterminator="\n")
-                self._file, self._table = file, table
-                table.writeheader()
                 places = {stem: self._folder / f"{stem}.npy" for stem in images}
                 self._stacks = {n: GrowingStack(places[n], f.shape) for n, f in images.items()}
+                self._table = GrowingTable(self._folder / "metrics.csv", row)
             for stem, image in images.items():
                 self._stacks[stem].append(image)
-            self._table.writerow(row)
-            self._file.flush()
-            self._count += 1
+            self._table.append(row)
 
     def close(self, numbers: Mapping[str, object]) -> None:
         """Write the summary of the frames, if there are any."""
-        if self._file is None:
+        if self._table is None:
             return
-        with unwritable_reported(self._folder), closing(self._file):
-            for stack in self._stacks.values():
-                stack.close()
+        files: list[GrowingTable | GrowingStack] = [self._table, *self._stacks.values()]
+        for each in files:
+            each.close()
         with output_files(self._folder / "summary.json") as (staged,):
-            summary = {"source": self._source, "frames": self._count, **numbers}
-            self._session.write_summary(staged, summary)
-        written(*(self._folder / f for f in ("metrics.csv", *(f"{s}.npy" for s in self._stacks))))
+            self._session.write_summary(staged, {"frames": self._table.count, **numbers})
+        written(*(each.path for each in files))

@@ -1,6 +1,9 @@
-"""An NPY file that grows: readers find a whole stack at any moment, however the writer ends."""
+"""Files that grow: readers find whole arrays and rows at any moment, however the writer ends."""
 
+import csv
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -40,6 +43,33 @@ class GrowingStack:
         header = {"descr": "<f4", "fortran_order": False, "shape": shape}
         npy.write_array_header_1_0(self._file, header)
         self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class GrowingTable:
+    """A CSV file of some columns, in place of a former one; entries of other names are left out.
+
+    An OutputError says that the file cannot be written.
+    """
+
+    def __init__(self, path: Path, columns: Iterable[str]) -> None:
+        self.path, self.count = path, 0
+        with unwritable_reported(path):
+            self._file = path.open("w", encoding="utf-8", newline="")
+        form: dict[str, Any] = {"extrasaction": "ignore", "lineterminator": "\n"}
+        self._table = csv.DictWriter(self._file, [*columns], **form)
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Write one row more."""
+        with unwritable_reported(self.path):
+            if not self.count:
+                self._table.writeheader()
+            self._table.writerow(row)
+            self._file.flush()
+            self.count += 1
 
     def close(self) -> None:
         """Close the file."""

@@ -72,7 +72,7 @@ def test_a_camera_is_watched_to_its_end_and_recorded(codes, camera, periscopy, t
         rows = [*csv.DictReader(table)]
     assert images.shape == (len(rows), 3, 4, 3)
     assert ps.psnr_gain_matched(images[-1], IMAGE) > 30
-    assert {row["method"] for row in rows} == {"noise-aware"} and float(rows[-1]["time"]) > 0
+    assert {row["method"] for row in rows} == {"noise-aware"} and float(rows[-1]["time"]) >= 0
     assert float(rows[-1]["averaged"]) > 5
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["frames"] == len(rows) and summary["median_latency"] > 0
@@ -183,5 +183,5 @@ RECORD = Recorder.__call__
 def interrupting(recorder, interrupt, *given):
     """Record pictures, and interrupt the command after the first full ones."""
     RECORD(recorder, *given)
-    if recorder._count == 1:
+    if recorder._table and recorder._table.count == 1:
         interrupt()
