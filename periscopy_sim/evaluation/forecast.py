@@ -3,10 +3,10 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 
@@ -20,8 +20,6 @@ from periscopy_sim.numerics.machine import LONG
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.rendering.ambient.background import Background
 from periscopy_sim.scenario import Scenario
-
-Result = TypeVar("Result")
 
 LIGHT_COST = {
     "ceiling_panels": 1.8, "desk_lamps": 2.8, "corridor": 7.9, "window_left": 28,
@@ -101,8 +99,10 @@ class SweepWork:
             return None
         values, snr = {name: first[name] for name in self.sweep.vary}, first["snr"]
         try:
-            shots = [_clock(worlds.signal, name, snr, values) for name in worlds.shown]
-            wall = shots[0][1]
+            started = time.perf_counter()
+            for name in worlds.shown:
+                wall = worlds.signal(name, snr, values)
+            of_photographs = time.perf_counter() - started
             of_matrices, of_fit = self._fit(worlds, values, wall)
             if of_matrices + of_fit < LONG:  # without what the first one compiles
                 fresh = replace(worlds, scenario=replace(worlds.scenario, memo=Memo()))
@@ -115,7 +115,7 @@ class SweepWork:
         except PeriscopyError:
             return None
         return (
-            max(seconds for seconds, _ in shots) * (len(self.photographs) - len(shots))
+            of_photographs * (len(self.photographs) / len(worlds.shown) - 1)
             + of_lights
             + of_matrices * (sum(self.matrices.values()) / worlds.matrices(values) - 1)
             + of_fit * (len(self.fits) - 1)
@@ -125,9 +125,12 @@ class SweepWork:
     @staticmethod
     def _fit(worlds: Worlds, values: Values, wall: Photograph) -> tuple[float, float]:
         """Return the seconds of the matrices, and of fits to them."""
-        scene, methods = worlds.assumed(values), worlds.methods.values()
-        matrices = sum(_clock(scene.transport, worlds.noise, each)[0] for each in methods)
-        return matrices, _clock(worlds.fitted, values, wall)[0]
+        scene, started = worlds.assumed(values), time.perf_counter()
+        for method in worlds.methods.values():
+            scene.transport(worlds.noise, method)
+        made = time.perf_counter()
+        worlds.fitted(values, wall)
+        return made - started, time.perf_counter() - made
 
     def _light(self, scenario: Scenario, worlds: Worlds) -> float:
         """Return the seconds of missing ambient light but for the quickest, which is made."""
@@ -136,12 +139,6 @@ class SweepWork:
         if not missing:
             return 0.0
         name = min(missing, key=lambda each: LIGHT_COST.get(each, 1.0))
-        seconds, _ = _clock(scenario.ambient, name, progress=worlds.progress)
-        return seconds * (costs / LIGHT_COST.get(name, 1.0) - 1)
-
-
-def _clock(make: Callable[..., Result], *given: Any, **named: Any) -> tuple[float, Result]:
-    """Return how long a call takes, in seconds, and its result."""
-    started = time.perf_counter()
-    made = make(*given, **named)
-    return time.perf_counter() - started, made
+        started = time.perf_counter()
+        scenario.ambient(name, progress=worlds.progress)
+        return (time.perf_counter() - started) * (costs / LIGHT_COST.get(name, 1.0) - 1)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.evaluation.forecast import SweepWork
 from periscopy_sim.evaluation.sweep import LIGHT, Sweep, run_sweep
+from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.evaluation.world import flipped_names
 from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
@@ -75,7 +76,7 @@ def sweep(
     mask: Mask | None = None,
     monitor_off: Mapping[str, Array] | None = None,
     scheduler: str | None = None,
-    planned: Callable[[SweepWork], None] | None = None,
+    planned: Callable[[Sweep, Sequence[Values]], None] | None = None,
     timed: Callable[[str, float], None] | None = None,
     noted: Callable[[Sequence[Note | str]], None] = warn_of,
     progress: Stage = silent,
@@ -119,7 +120,7 @@ def sweep(
     scheduler
         Address of a Dask scheduler; None uses this machine's cores.
     planned
-        Called before the sweep, with what it makes; this tells how many seconds it takes.
+        Called before the sweep, with it and the cells that are missing; see `SweepWork.of`.
     timed
         Called with the name of a method and a thread's seconds that it took for a photograph.
     noted
@@ -231,7 +232,7 @@ def sweep(
         with resumed_folder(folder, settings, "sweep", (CELLS, *RESULTS)):
             results = run_sweep(
                 whole, folder, scheduler=scheduler, progress=report, timed=timed,
-                planned=planned and (lambda missing: planned(SweepWork.of(whole, missing))),
+                planned=planned and partial(planned, whole),
             )  # fmt: skip
     noted(_notes(scenario, results, worlds, by_default=not (light.by or light.samples)))
     return results

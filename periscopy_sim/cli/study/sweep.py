@@ -2,10 +2,10 @@
 
 import sys
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from periscopy_sim.evaluation.forecast import SweepWork
+    from periscopy_sim.evaluation.sweep import Sweep
     from periscopy_sim.reconstruction.method import Note
 
 _VARY = (
@@ -77,6 +78,7 @@ def sweep(
 
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
+    from periscopy_sim.evaluation.forecast import SweepWork
     from periscopy_sim.evaluation.study import DARK, conditions_of
     from periscopy_sim.evaluation.workers import thread_count
 
@@ -106,8 +108,8 @@ def sweep(
     levels = {name: parse_values(texts[name], f"--{name}") for name in kept}
     seconds = defaultdict[str, list[float]](list)
 
-    def planned(work: "SweepWork") -> None:
-        _show_work(work)
+    def planned(swept: "Sweep", missing: Sequence[Mapping[str, Any]]) -> None:
+        _show_work(work := SweepWork.of(swept, missing))
         if (total := work.seconds(thread_count(scheduler))) is not None:
             calibrations = counted(len(work.calibrations), "calibration")
             show_time(total, *[calibrations] * bool(work.calibrations))
