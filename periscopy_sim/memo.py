@@ -4,7 +4,7 @@ import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, partial
 from importlib import metadata
 from itertools import accumulate
@@ -63,8 +63,8 @@ class Memo:
     ) -> Made:
         """Return what `make` makes, of about `size` bytes; that of before if the key is the same.
 
-        What `make` raises is not kept. Folders, the memo's own and a `cache`, keep what is of a
-        `kind`: an array, or a dataclass of arrays and numbers.
+        Its arrays become read-only. What `make` raises is not kept. Folders, the memo's own and a
+        `cache`, keep what is of a `kind`: an array, or a dataclass of arrays and numbers.
         """
         with self._lock:
             if key in self._kept:
@@ -81,6 +81,8 @@ class Memo:
                     for folder in self._folders(cache):
                         make = partial(folder.get, key, make, kind)
                 self._kept[key] = make(), size
+                for each in _arrays_of(self._kept[key][0]).values():
+                    read_only(each)
             made: Made = self._kept[key][0]
             return made
 
@@ -140,6 +142,13 @@ class ArrayFolder:
         return made
 
 
+def read_only(values: Made) -> Made:
+    """Return an array that a memo keeps, so that nobody writes into it; a number as it is."""
+    if isinstance(values, np.ndarray):
+        values.setflags(write=False)
+    return values
+
+
 def light_cache() -> ArrayFolder:
     """Return the user's cache of ambient light, which is slow to render and the same for many."""
     return ArrayFolder(user_cache() / "ambient", LIGHT_BYTES)
@@ -156,9 +165,9 @@ def _read(file: Path, kind: type[Made]) -> Made:
 
 def _arrays_of(made: Any) -> dict[str, Any]:
     """Return an array, or the fields of a dataclass that are arrays or numbers, by name."""
-    if isinstance(made, np.ndarray):
-        return {"array": made}
-    values = {each.name: getattr(made, each.name) for each in fields(made)}
+    if not is_dataclass(made):
+        return {"array": made} if isinstance(made, np.ndarray) else {}
+    values = {each.name: getattr(made, each.name) for each in fields(made) if each.compare}
     return {n: each for n, each in values.items() if isinstance(each, np.ndarray | float | int)}
 
 

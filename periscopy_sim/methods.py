@@ -189,11 +189,6 @@ Images = dict[str, NDArray[np.float32]]
 """By surface, (R, C, channels)."""
 
 
-def images_by(method: Method, photograph: Image, hidden: Hidden, channels: int) -> Images:
-    """Reconstruct from a photograph; return each surface's image, checked by `promised`."""
-    return _checked(method.reconstruct(photograph), hidden, channels)
-
-
 class Estimates(NamedTuple):
     """What a method makes of a photograph: images and, if it knows them, their standard errors."""
 
@@ -203,19 +198,20 @@ class Estimates(NamedTuple):
 
 
 def estimates_by(method: Method, photograph: Image, hidden: Hidden, channels: int) -> Estimates:
-    """Reconstruct from a photograph as `images_by`, with standard errors by surface."""
+    """Reconstruct from a photograph: `checked_images`, with standard errors by surface."""
     fitted: Any = method.fitted_by(photograph) if hasattr(method, "fitted_by") else method
     knows_errors = isinstance(fitted, NoiseAware)
     with one_thread():
         started = thread_time()
         found = fitted.solve(photograph) if knows_errors else fitted.reconstruct(photograph)
         seconds = thread_time() - started
-    images = _checked(found.image if knows_errors else found, hidden, channels)
+    images = checked_images(found.image if knows_errors else found, hidden, channels)
     errors = fitted.standard_errors(found) if knows_errors else None
     return Estimates(images, {} if errors is None else hidden.images(errors), seconds)
 
 
-def _checked(image: Any, hidden: Hidden, channels: int) -> Images:
+def checked_images(image: Any, hidden: Hidden, channels: int) -> Images:
+    """Return what a method returned as each surface's image, checked by `promised`."""
     images = hidden.images(image)
     return {n: promised(images[n], (*shape, channels)) for n, shape in hidden.shapes.items()}
 
@@ -295,7 +291,7 @@ class OwnMethod(StillMethod[np.float64]):
         mask = None if self.fit.mask is None else self.fit.mask.reshape(light.shape[:-1])
         light = blackened(light, mask)
         channels = light.shape[-1]
-        found = images_by(self.method, light, self.hidden, channels)
+        found = checked_images(self.method.reconstruct(light), self.hidden, channels)
         image = self.hidden.image(self.hidden.join(found).astype(np.float64))
         return Solution(image, np.zeros(channels), 0.0)
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -19,7 +20,7 @@ from periscopy_sim.measurement import (
     composite_error,
     noise_to_signal,
 )
-from periscopy_sim.memo import Memo, light_cache
+from periscopy_sim.memo import Memo, light_cache, read_only
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.machine import Stage, silent
@@ -137,7 +138,7 @@ class Scenario(Geometry):
     def A(self) -> Any:  # noqa: N802  the symbol
         """(M, N) the light transport matrix, as fine as photographs of 60 dB need.
 
-        It is kept: copy it before you write into it.
+        It is kept, and read-only: copy it before you write into it.
         """
         return self.transport()
 
@@ -172,20 +173,14 @@ class Scenario(Geometry):
         wants_rays = entry is not None and entry.rays and light.by is None
         samples = light.samples or (RAYS if wants_rays else None)
         noise = NOISE if noise is None else noise
-
-        def make() -> TransportPlan:
-            plan, A = planned(self, noise, by=light.by, samples=samples, seed=self.seed)
-            if A is not None:  # the choice took all of it
-                self._direct(plan, made=A)
-            return plan
-
+        make = partial(planned, self, noise, by=light.by, samples=samples, seed=self.seed)
         key = "plan", self.digest, self.seed, noise, light.by, samples
         return self.memo.get(key, make, self._bytes, TransportPlan)
 
-    def _direct(self, plan: "TransportPlan", **given: Any) -> "NDArray[np.float32]":
+    def _direct(self, plan: "TransportPlan", progress: Progress | None) -> "NDArray[np.float32]":
         """Return A of direct light, made as planned unless it is kept."""
         strata, seed = self.light.strata, self.seed
-        make = partial(plan.transport, self, strata=strata, seed=seed, **given)
+        make = partial(plan.transport, self, strata=strata, seed=seed, progress=progress)
         return self.memo.get(("A", self.digest, seed, plan, strata), make, self._bytes, np.ndarray)
 
     def transport(
@@ -221,10 +216,10 @@ class Scenario(Geometry):
             return light.matrix
         plan = self.plan(noise, method)
         if light.bounces == DIRECT:
-            return self._direct(plan, progress=progress)
+            return self._direct(plan, progress)
 
         def make() -> "BouncedTransport":
-            A = self._direct(plan, progress=progress).copy()
+            A = self._direct(plan, progress).copy()
             render = partial(render_bounced_light, self, bounces=light.bounces, seed=self.seed)
             key = "bounces", self.digest, self.seed, light.bounces
             bounced = self.memo.get(key, render, self._bytes // 8, BouncedLight)
@@ -262,7 +257,8 @@ class Scenario(Geometry):
         files = {name: (find_image(by_id[name]), shape) for name, shape in shapes}
 
         def make() -> Any:
-            return self.hidden.unwrapped({n: read_hidden_image(*each) for n, each in files.items()})
+            images = {n: read_only(read_hidden_image(*each)) for n, each in files.items()}
+            return self.hidden.unwrapped(images)
 
         changed = [file.stat().st_mtime_ns for file, _ in files.values()]
         key = "image", *files.items(), *changed
@@ -274,8 +270,7 @@ class Scenario(Geometry):
         """Return ambient light on the wall, of a shipped condition or a scene file, and its error.
 
         It is rendered once for a wall, and kept in the user's cache. A photograph's file has no
-        known error. `target` is the relative error of a pixel to reach. `progress` receives the
-        name of what is rendered, and gives a context with the function of the fraction done.
+        known error. `target` is the relative error of a pixel to reach.
         """
         from periscopy_sim.rendering.ambient.background import Background, render_background
         from periscopy_sim.storage.photographs import read_photograph
@@ -455,7 +450,7 @@ class Scenario(Geometry):
         def make() -> "StillMethod[Any]":
             uncertain, _ = self.uncertainty(name, errors)
             fitted = fit_method(name, self, A, B, photograph, uncertain, **settings)
-            fitted.name, fitted.plan = label_of(name), plan
+            fitted.name, fitted.plan = label_of(name), replace(plan, made=None)
             judgement.check_rank(self, fitted, None if photograph is None else photograph.pixels)
             return fitted
 
@@ -573,15 +568,20 @@ class Scenario(Geometry):
             lowered the residual of this photograph when tried.
         """
         from periscopy_sim import judgement
-        from periscopy_sim.reconstruction.method import StillMethod
+        from periscopy_sim.reconstruction.method import Solution, StillMethod
         from periscopy_sim.rendering.transport.bounced import BouncedTransport
 
         photograph = self._checked(photograph)
-        if not hasattr(solution, "image"):
-            raise PeriscopyError("give the solution that the method's solve(photograph) returns")
         fitted: StillMethod[Any] = (
             method if isinstance(method, StillMethod) else self.method(method, photograph)
         )
+        made: Any = signature(fitted.solve).return_annotation
+        is_known = isinstance(made, type) and issubclass(made, Solution)
+        if not isinstance(solution, made if is_known else Solution):
+            raise PeriscopyError(
+                f"the solution is of type {type(solution).__name__}: give what solve(photograph) "
+                f"of the method {fitted.name} returns, or name the method that returned it"
+            )
         report = fitted.report(photograph, solution) if report is None else report
         images = self.hidden.split(fitted.fit.mixed(solution.image))
         report, warnings = judgement.with_patches_tried(self, report, fitted, images), []

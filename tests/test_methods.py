@@ -13,9 +13,9 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.methods import (
     METHODS,
+    checked_images,
     find_method,
     fit_method,
-    images_by,
     source_sha256,
 )
 from periscopy_sim.numerics.validation import InputError
@@ -71,7 +71,7 @@ class Scene:
 
 
 def image_by(method, photograph):
-    return images_by(method, photograph, Hidden.of((2, 3)), 3)["monitor"]
+    return checked_images(method.reconstruct(photograph), Hidden.of((2, 3)), 3)["monitor"]
 
 
 @pytest.fixture

@@ -255,6 +255,31 @@ def test_a_given_matrix_with_bounces_lacks_no_light_that_bounces(wall):
 
 
 @pytest.mark.usefixtures("jit")
+def test_what_is_kept_is_nobodys_to_change():
+    """Nor a scenario's of another light: planning A by areas makes it, and both take it."""
+    scene = chair(ps.Light(ambient=(LIT,)))
+    bounced = replace(scene, light=replace(scene.light, bounces=2))
+    before = scene.A.copy()
+    assert bounced.A.mean.sum() > before.sum()
+    np.testing.assert_array_equal(scene.A, before)
+    for kept in (scene.A, bounced.A.mean, scene.B, scene.image("mushroom")):
+        with pytest.raises(ValueError, match="read-only"):
+            kept[0] = 0
+
+
+def test_a_solution_of_another_photograph_or_scenario_is_not_judged(wall):
+    scene, y = wall
+    others = ps.Photograph(y.values[..., :1]), replace(y, mask=np.eye(24) == 0)
+    for name, other in zip(("iterative", "noise-aware"), others, strict=True):
+        method = scene.method(name, other)
+        with pytest.raises(PeriscopyError, match="another photograph or scenario"):
+            scene.judge(y, method.solve(other), scene.method(name, y))
+        for solution in (scene.method("differencing", y).solve(y), np.ones((4, 5, 3))):
+            with pytest.raises(PeriscopyError, match=name):
+                scene.judge(y, solution, name)
+
+
+@pytest.mark.usefixtures("jit")
 def test_a_photograph_says_what_the_reader_of_its_light_assumed(tmp_path):
     np.save(tmp_path / "light.npy", np.full((24, 24, 3), 200, np.uint8))
     y = chair().photograph(np.ones((4, 5, 3)), ambient=tmp_path / "light.npy", sbr=1, bounces=1)

@@ -123,7 +123,7 @@ def solved(
         name: np.stack([getattr(each, name) for each in problems])
         for name in ("data", "weights", "errors", "start")
     }
-    basis = method._basis
+    basis = method.fit.patterns
     return Samples(
         rows=basis.rows, curvatures=basis.curvatures.astype(np.float32), **stacks,
         truth=np.stack(truths), split=split,

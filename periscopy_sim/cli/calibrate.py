@@ -135,8 +135,7 @@ def find_parameters(
             )  # fmt: skip
         remark = _distrust("periscopy calibrate", result.doubts)
         _write_copy(session, scene, _written(result, result.values), out, remark)
-        for doubt in result.doubts:
-            session.warn(doubt)
+        session.warn(*result.doubts)
         session.write(json, result.record() | colours)
         draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
         beside = asides[: len(result.rivals)]
@@ -213,8 +212,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
-        for doubt in solution.doubts:
-            session.warn(doubt)
+        session.warn(*solution.doubts)
         session.write(json, solution.record())
         draw_silhouette(png, files["photograph"][0], solution, session.metadata)
     for row in solution.opaque:

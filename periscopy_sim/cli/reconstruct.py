@@ -12,14 +12,11 @@ from periscopy_sim.cli import messages, options, output
 from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.session import PhotoSession, Session
-from periscopy_sim.evaluation import metrics
 from periscopy_sim.figures import panels
-from periscopy_sim.figures.space import draw_space
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS
 from periscopy_sim.storage.formats.table import libraries_of
-from periscopy_sim.storage.glb import write_glb
 
 _UNCERTAIN = (
     "Uncertain <default>s with their measurement errors; without =ERROR, the scene's. none: trust "
@@ -103,18 +100,15 @@ def reconstruct(
             images = {name: np.asarray(each, np.float64) for name, each in found.items()}
         doing = "residual and standard errors"
         with session.timed(doing), output.progress(f"computing {doing}"):
-            report = joint.report(wall, solution)
-            report, reports = report if several else (report, {session.sensor: report})
-            reports = {
-                camera: lit[camera].judge(walls[camera], solution, methods[camera], own)
-                for camera, own in reports.items()
-            }
-            report = report if several else reports[session.sensor]
-            verdicts = {
-                camera: views[camera].judge(str(file), reports[camera])
-                for camera, file in zip(views, photo, strict=True)
-            }
-            for note in report.warnings if several else ():
+            whole, reports = joint.report(wall, solution) if several else (None, {})
+            verdicts = dict[str, tuple[str, str]]()
+            for (camera, view), file in zip(views.items(), photo, strict=True):
+                own = joint.of_view(camera, solution) if several else solution
+                rest = methods[camera], reports.get(camera)
+                reports[camera] = lit[camera].judge(walls[camera], own, *rest)
+                verdicts[camera] = view.judge(str(file), reports[camera])
+            report = whole or reports[session.sensor]
+            for note in whole.warnings if whole else ():
                 session.warn(f"{of}: {messages.note_sentence(note)}")
         titles = (f"photograph of {camera}" if several else "photograph" for camera in walls)
         used = (np.moveaxis(wall.planes, 0, -1) for wall in walls.values())
@@ -185,6 +179,9 @@ def write_report(
     for name, image in named("reconstruction", lit).items():
         panels.write_enlarged(folder / f"{name}.png", image, text)
     if not hidden.is_flat:
+        from periscopy_sim.figures.space import draw_space
+        from periscopy_sim.storage.glb import write_glb
+
         wall = panels.displayable(next(iter(photographs.values())))  # of the scenario's view
         draw_space(folder / "space.png", scenario, lit, wall, text)
         write_glb(folder / "hidden.glb", scenario, lit, wall, text)
@@ -219,6 +216,8 @@ def _compare(
     session: Session,
 ) -> dict[str, dict[str, Any]]:
     """Return metrics against the truth by surface; draw both beside the photograph."""
+    from periscopy_sim.evaluation import metrics
+
     compared: dict[str, dict[str, Any]] = {}
     rows, lines = {}, []
     walls = [(title, panels.exposed(each)) for title, each in photographs.items()]

@@ -81,8 +81,7 @@ def photograph(
                 target=target, colour_matrix=colours, progress=report,
             )  # fmt: skip
         settings["relative_error"] = float(f"{y.relative_error:.3g}")
-        for line in y.warnings:
-            session.warn(line)
+        session.warn(*y.warnings)
         settings["image_sha256"] = image_sha256(picture)
         write_exr(file, y.values, as_text({**settings, **session.provenance}))
     record(**settings)

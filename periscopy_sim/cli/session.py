@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -158,11 +159,12 @@ class Session(options.OptionGroup):
             elif note.code not in but:
                 self.warn(note_sentence(note))
 
-    def warn(self, line: str) -> None:
-        """Print a warning, and keep it for the summary; views of one scene have some in common."""
-        if line not in self.warnings:
-            warn(line)
-            self.warnings.append(line)
+    def warn(self, *lines: str) -> None:
+        """Print warnings, and keep them for the summary; views of one scene share some."""
+        for line in lines:
+            if line not in self.warnings:
+                warn(line)
+                self.warnings.append(line)
 
     def by_surface(self, entries: Sequence[str], flag: str) -> dict[str, str]:
         """Read ``VALUE`` of the only hidden surface, or ``ID=VALUE`` of each, by the ids."""
@@ -179,15 +181,13 @@ class Session(options.OptionGroup):
     def ambient_light(self, name: str | Path, target: float = TARGET) -> "ps.Background":
         """Return ambient light: of a photograph, of no known error, or of a condition."""
         light = self.scenario.ambient(name, target=target, progress=progress)
-        for line in light.warnings:
-            self.warn(line)
+        self.warn(*light.warnings)
         return light
 
     def photograph(self, path: Path, mask: Mask | None = None) -> ps.Photograph:
         """Read a photograph of the size that the scene's camera has."""
         photograph = ps.read_photograph(path, self.scenario.photograph_shape, mask)
-        for warning in photograph.warnings:
-            self.warn(warning)
+        self.warn(*photograph.warnings)
         return photograph
 
     def transport(
@@ -307,18 +307,14 @@ class PhotoSession(WallSession):
                 f"photographs: {len(photos)}, cameras: {', '.join(cameras)}; give each photograph "
                 "a --camera of its own, in their order"
             )
-        if len(cameras) == 1:
-            return {cameras[0]: self}
-        check_file_names(self.path, "camera", cameras)
+        if len(cameras) > 1:
+            check_file_names(self.path, "camera", cameras)
         masks = options.files_of_view("--mask", self.mask, cameras)
         off = options.files_of_view("--monitor-off", self.monitor_off, cameras)
-        views = {
-            each: replace(self, camera=[each], mask=masks[each], monitor_off=off[each])
-            for each in cameras
-        }
-        for view in views.values():
-            view.seconds, view.warnings = self.seconds, self.warnings
-            view.settings = self.settings
+        views = {each: copy(self) for each in cameras}
+        for each, view in views.items():
+            view.camera, view.mask, view.monitor_off = [each], masks[each], off[each]
+            view.record = {}
         return views
 
     def judge(self, name: str, report: "Report") -> tuple[str, str]:

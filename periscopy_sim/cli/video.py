@@ -120,8 +120,7 @@ def _read(session: PhotoSession, frames: Path) -> tuple[Sequence[str], Image, ps
         mask, monitor_off = session.companions()
         sequence = sequences.open_frames(frames, shape, mask)
         photographs, warnings = sequences.read_clip(sequence, report)
-    for warning in warnings:
-        session.warn(warning)
+    session.warn(*warnings)
     first = ps.Photograph(photographs[0], mask, monitor_off, session.colours)
     return sequence.names, photographs, session.without_defects(first, f"{frames}, first frame")
 

@@ -11,17 +11,16 @@ the albedo of each pixel, and g its colour beside that.
 """
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+from scipy import linalg
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model import ambient
-from periscopy_sim.model.colour import wall_colour
-from periscopy_sim.model.evidence import Evidence
 from periscopy_sim.model.noise import noise_beside, residual_noise
 from periscopy_sim.model.spectral_basis import MOST_PATTERNS, SpectralBasis, laplacian
 from periscopy_sim.model.transport_operator import (
@@ -31,6 +30,7 @@ from periscopy_sim.model.transport_operator import (
     checked_transport,
     used_rows,
 )
+from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Array, Image, Mask, precision_of
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, checked_matrix, plain_array
@@ -41,6 +41,25 @@ PRECISION = 3e-5
 
 LARGEST_NOISE_RATIO = 30
 """Largest ratio of the noises of two channels; it bounds a black channel's noise from below."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The information on the hidden image in one photograph.
+
+    The coefficients are those of y⊥ over its level and A⊥ over a patch's root mean square energy.
+    """
+
+    coefficients: Array  # (C, K) WᵀA⊥ᵀ y⊥ of K patterns, in the camera's channels
+    noise: Array  # (C,) standard deviation of the noise in y⊥, over the level
+    level: float  # root mean square of y⊥
+    noise_to_signal: float  # energy of the noise in y⊥ over that of the signal
+    rest: Image | None = None  # (C, N) A⊥ᵀ y⊥ beyond K < N patterns
+
+    @property
+    def mean_noise(self) -> float:
+        """The σ that λ is counted in: the mean over the channels."""
+        return float(self.noise.mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +112,7 @@ class Fit:
     profiles: bool = False
     # Whether planes are in the monitor's primaries, their noise mixed, not in the camera's.
     unmixes: bool = False
+    uncertain: UncertainTransport | None = None  # what the scene's errors do to light; None: right
 
     def __post_init__(self) -> None:
         vars(self)["A"] = checked_transport(self.A)  # the fields are frozen
@@ -118,15 +138,48 @@ class Fit:
                 )
             _ = self.mixing, self.monitor_off
 
+    @classmethod
+    def of_views(cls, fits: Sequence[Self], weights: Array) -> Self:
+        """Return the fit of the pixels that several views use, view below view, by weights of A.
+
+        Its A⊥ is that of each view times its weight. It counts errors of the scene that all views
+        count. An InputError says that the views mix colours differently.
+        """
+        first, known = fits[0], [fit.uncertain for fit in fits if fit.uncertain is not None]
+        if any(not np.array_equal(np.array(fit.mixing), np.array(first.mixing)) for fit in fits):
+            raise InputError(
+                "the views' colour matrices, over the colours of their walls, differ; give cameras "
+                "of one kind and walls of one colour"
+            )
+
+        def slopes(image: Image | Mapping[str, Image]) -> Image:
+            each = zip(weights, known, fits, strict=True)
+            return np.hstack([w * own.slopes(image)[:, fit.kept] for w, own, fit in each])
+
+        all_count = len(known) == len(fits) and len({each.names for each in known}) == 1
+        A = np.concatenate(
+            [np.float32(w) * np.asarray(fit.rows) for w, fit in zip(weights, fits, strict=True)]
+        )
+        uncertain = replace(known[0], slopes=slopes) if all_count else None
+        whole = cls(A, hidden=first.hidden, uncertain=uncertain)
+        Q = linalg.block_diag(*(fit.basis for fit in fits))
+        vars(whole).update(mixing=first.mixing, _ambient=(Q, Q.shape[1]))
+        return whole
+
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the patterns' light, which follows from A."""
-        return {name: each for name, each in vars(self).items() if name != "lights"}
+        """Return the state without light that follows from the rest."""
+        return {n: each for n, each in vars(self).items() if n not in ("lights", "_motions")}
 
     @property
     def mask(self) -> Mask | None:
         """(M,) True in the M' pixels used; None for all."""
         mask = None if self.conditions is None else self.conditions.mask
         return None if mask is None else mask.ravel()
+
+    @property
+    def kept(self) -> Mask | slice:
+        """Index of the M' pixels used among all."""
+        return slice(None) if self.mask is None else self.mask
 
     @property
     def pixels(self) -> int:
@@ -140,8 +193,25 @@ class Fit:
         return self.conditions.shape if known is None and self.conditions is not None else known
 
     def gain(self, channels: int) -> Array:
-        """Return the wall's colour in so many channels; see `wall_colour`."""
-        return wall_colour(self.channel_gain, channels, self.mask)
+        """Return the wall's colour in so many channels, (1, C), or of each pixel used, (M', C).
+
+        A photograph of one channel shows a texture's mean over the channels, and no colour of an
+        even wall. An InputError says that the channels do not fit.
+        """
+        known = self.channel_gain
+        values = np.ones((1, channels)) if known is None else np.atleast_2d(np.asarray(known))
+        is_even = known is None or np.ndim(known) == 1
+        gain = np.asarray(values if is_even else values[self.kept], np.float64)
+        if gain.shape[1] == channels:
+            return gain
+        if channels == 1:
+            return np.ones((1, 1)) if is_even else gain.mean(axis=1, keepdims=True)
+        if np.allclose(gain, gain[:, :1], rtol=1e-6):
+            return np.tile(gain[:, :1], channels)
+        raise InputError(
+            f"the photograph has {channels} channels, the wall's colour {gain.shape[1]}; make the "
+            f"wall grey in the scene, or give {gain.shape[1]} channels, or one"
+        )
 
     @cached_property
     def mixing(self) -> Array | None:
@@ -170,7 +240,7 @@ class Fit:
     def used(self, matrix: Image | None) -> Image:
         """Return the rows of (M, K) in the M' pixels used; of None, (M', 0)."""
         matrix = np.zeros((self.A.shape[0], 0)) if matrix is None else matrix
-        return matrix if self.mask is None else matrix[self.mask]
+        return matrix[self.kept]
 
     def on_wall(self, light: Image) -> Image:
         """Return smooth light, (M, K), as it shows on the wall in the pixels used."""
@@ -200,7 +270,7 @@ class Fit:
         """Put (M', K) values of the pixels used into (K, rows, columns), NaN elsewhere."""
         assert self.shape is not None
         planes = np.full((values.shape[1], self.A.shape[0]), np.nan)
-        planes[:, slice(None) if self.mask is None else self.mask] = values.T
+        planes[:, self.kept] = values.T
         return planes.reshape(-1, *self.shape)
 
     @cached_property
@@ -377,6 +447,20 @@ class Fit:
         rows = np.ascontiguousarray(light.reshape(-1, self.pixels), np.float32)
         return times_rows(rows, self.lights).reshape(*light.shape[:2], -1).astype(np.float64)
 
+    def motions(self, image: Image | Mapping[str, Image]) -> Array | None:
+        """Return what the scene's errors do to an image's light, (K, 3, M'); the latest is kept.
+
+        None of a scene that is right.
+        """
+        if self.uncertain is None:
+            return None
+        key, latest = self.hidden.vector(image).tobytes(), vars(self).get("_motions")
+        if latest is None or latest[0] != key:
+            latest = key, self.uncertain.lights(image, self.mask)
+            vars(self)["_motions"] = latest
+        lights: Array = latest[1]
+        return lights
+
     @property
     def _freedom(self) -> int:
         """Pixels less the dimensions of ambient light and of images."""
@@ -406,7 +490,7 @@ class Fit:
             )
         self._check_size(photographs.shape)
         values = photographs.reshape(len(photographs), self.A.shape[0], photographs.shape[-1])
-        planes = np.moveaxis(values if self.mask is None else values[:, self.mask], -1, 1)
+        planes = np.moveaxis(values[:, self.kept], -1, 1)
         if planes.shape[1] == 4 and planes[:, 3].any() and not np.ptp(planes[:, 3]):
             raise InputError(
                 "the photograph's fourth channel is the same everywhere, as transparency is; leave "

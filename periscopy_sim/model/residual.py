@@ -19,7 +19,7 @@ all channels and finer than shadows. Each counts by the fraction of the misfit t
 beyond chance: what the T_k explain elsewhere on the wall, and one channel's part of noise.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -173,13 +173,11 @@ class Residual:
         }
 
 
-def residual_of(
-    y: Array, signal: Array, fit: Fit, motions: Callable[[], Array | None] = lambda: None
-) -> Residual:
+def residual_of(y: Array, signal: Array, fit: Fit, image: Any = None) -> Residual:
     """Return the residual of a photograph, y, (M', C), by a fit, from the signal A f̂, (M', C).
 
-    The fit knows the rows and columns of photographs. `motions` returns the T_k, (K, C, M'), if
-    they are known; only a misfit needs them.
+    The fit knows the rows and columns of photographs. Of the `image` f̂ it may know what errors of
+    the scene do to light, the T_k, which only a misfit needs.
     """
     transport, place = fit.operator, fit.placed
     r = transport.project_out(y - signal)
@@ -211,7 +209,8 @@ def residual_of(
     z, w = unexplicable[:, lit] / noise[lit], y[:, lit] / noise[lit]
     energy = float(np.sum(z**2)) * max(found.misfit / by_any**2, SINGLE_ROUNDING)
     explained = {} if shared else {"paint": _by_paint(z, w, fit) / energy}
-    if (known := motions()) is not None:
+    if image is not None and (known := fit.motions(image)) is not None:
+        known = known if fit.mixing is None else np.asarray(fit.mixing @ known)
         explained["numbers"] = _by_numbers(z, known[:, lit] / noise[lit, None], fit) / energy
     return replace(found, explained_by=explained)
 

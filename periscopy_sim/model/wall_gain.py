@@ -90,8 +90,7 @@ class WallGain:
         self._QtA = np.ascontiguousarray(fit.operator.QtA, np.float32)
         self._shape = shape
         self._terms = polynomials(shape, 1, 2)
-        used = slice(None) if fit.mask is None else fit.mask
-        self._used_terms = self._terms[:, used].astype(np.float32)
+        self._used_terms = self._terms[:, fit.kept].astype(np.float32)
         ambient, compared = (
             np.ascontiguousarray(fit.on_wall(polynomials(shape, *ends).T).T)
             for ends in ((0, 5), (6, 7))

@@ -16,7 +16,7 @@ from periscopy_sim.model.ambient import RANK_TOLERANCE
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.residual import Residual, quick_residual, residual_of
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import checked_scene, plain_array
+from periscopy_sim.numerics.validation import InputError, checked_scene, plain_array
 from periscopy_sim.photograph import Photograph
 
 Precision = TypeVar("Precision", bound=np.floating[Any])
@@ -130,10 +130,9 @@ def of_all(function: Callable[..., Result]) -> Callable[..., Result]:
 
     @wraps(function)
     def accepting(self: Any, photograph: Photograph | Image, *rest: Any, **named: Any) -> Result:
-        if not isinstance(photograph, Photograph):
-            return function(self, photograph, *rest, **named)
-        same: Callable[..., Result] = getattr(self.fitted_to(photograph), function.__name__)
-        return same(photograph.values, *rest, **named)
+        if isinstance(photograph, Photograph):
+            self, photograph = self.fitted_to(photograph), photograph.values
+        return function(self, photograph, *rest, **named)
 
     return accepting
 
@@ -365,9 +364,14 @@ class StillMethod(ABC, Generic[Precision]):
         is_noise = np.sum(over_noise**2) < count + SIGNIFICANT * np.sqrt(2 * count)
         warnings = [Note("no_hidden_image")] * bool(is_noise)
         residual, numbers = None, solution.numbers()
+        y = self.corrected(photograph, solution)
+        if y.shape != signal.shape:
+            raise InputError(
+                f"the solution is of another photograph or scenario: {y.shape} pixels and channels "
+                f"beside {signal.shape}; give those that it was solved for"
+            )
         if self.fit.shape is not None:
-            y = self.corrected(photograph, solution)
-            residual = residual_of(y, signal, self.fit, lambda: self.motions(solution))
+            residual = residual_of(y, signal, self.fit, solution.image)
             if not self.judges_scene:
                 residual = replace(residual, diagnosis="unknown")
             numbers = {**numbers, **residual.numbers()}
@@ -375,8 +379,7 @@ class StillMethod(ABC, Generic[Precision]):
         warnings += [report.verdict] * report.is_doubted
         return replace(report, warnings=warnings)
 
-    @of_all
-    def residual(self, photograph: Image, solution: Any) -> Residual | None:
+    def residual(self, photograph: Photograph | Image, solution: Any) -> Residual | None:
         """Return what the scene and a solution leave of a photograph, and whether it is noise.
 
         The photograph is the corrected one. None where the photograph's rows and columns are
@@ -389,13 +392,6 @@ class StillMethod(ABC, Generic[Precision]):
         """Return the residual of a photograph whose noise over its light is known, quickly."""
         y = self.corrected(photograph, solution)
         return quick_residual(y, solution.image, noise, self.fit)
-
-    def motions(self, solution: Any) -> Array | None:  # noqa: ARG002
-        """Return what errors of the scene's numbers add to a solution's light, (K, C, M').
-
-        None where the method knows no such errors.
-        """
-        return None
 
     def corrected(self, photograph: Image, solution: Any) -> Array:  # noqa: ARG002
         """Return the photograph that A f + B c + n describes, (M', C), in the pixels used."""

@@ -149,17 +149,13 @@ _RANK = Option(
 )
 
 
-def _by_name(*entries: MethodEntry) -> dict[str, MethodEntry]:
-    return {entry.name: entry for entry in entries}
-
-
 RAYS = 16
 """Rays from each pixel's centre to each patch, in A of methods that want their noise."""
 
 DEFAULT = "noise-aware"
 """Its error is less than `preconditioned`'s in each realistic light of `beyond.noise_aware`."""
 
-METHODS: Mapping[str, MethodEntry] = _by_name(
+_ENTRIES = (
     MethodEntry(
         DEFAULT,
         "models the noise in the photograph, where it is white",
@@ -238,6 +234,8 @@ METHODS: Mapping[str, MethodEntry] = _by_name(
         hidden=(29, 36),
     ),
 )
+
+METHODS: Mapping[str, MethodEntry] = {entry.name: entry for entry in _ENTRIES}
 """The methods of the package, by name."""
 
 

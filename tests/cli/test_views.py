@@ -76,6 +76,18 @@ def test_reconstruct_recovers_one_image_of_two_views(scene, succeeds, summary, t
     assert one.mean() == pytest.approx(0.4 * image.mean(), rel=0.02)
 
 
+def test_each_view_is_judged_by_the_image_in_its_own_exposure(scene, succeeds, monkeypatch):
+    judge, images = ps.Scenario.judge, {}
+
+    def judged(self, photograph, solution, *rest):
+        images[self.view.camera] = solution.image
+        return judge(self, photograph, solution, *rest)
+
+    monkeypatch.setattr(ps.Scenario, "judge", judged)
+    succeeds("reconstruct", "left.npy", "right.npy", *options_of(scene), *VIEWS)
+    np.testing.assert_allclose(images["right"], 0.4 * images["left"], rtol=0.01)
+
+
 def test_matrices_of_views_are_read(scene, succeeds, summary):
     matrices = [word for name in CAMERAS for word in ("--transport", f"{name}={name}_A.npy")]
     files = ("left.npy", "right.npy")

@@ -185,7 +185,7 @@ def test_transport_serves_structured_images_too(configured):
     geometry, used = render_geometry(settings, 0), np.zeros(63 * 63, bool)
     used[np.random.default_rng(1).permutation(63 * 63)[:300]] = True
     scenario = geometry.scenario
-    plan, _ = planned(scenario, 1e-3)
+    plan = planned(scenario, 1e-3)
     f = np.stack([draw_clip(settings, k).hidden["hidden"][0].reshape(-1, 3) for k in range(8)])
 
     def light(across):

@@ -8,7 +8,7 @@ from periscopy_sim.model.fit import LARGEST_NOISE_RATIO, Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.residual import residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.model.uncertainty import standard_errors
+from periscopy_sim.model.uncertainty import UncertainTransport, standard_errors
 from periscopy_sim.photograph import Photograph
 
 HIDDEN, PHOTOGRAPH = (3, 4), (12, 15)
@@ -52,6 +52,22 @@ REJECTED = GREY - Q @ (Q.T @ GREY)
 
 def unexplained_by(columns, y):
     return y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+
+
+def test_errors_of_the_scene_are_followed_once_for_an_image():
+    asked = []
+
+    def slopes(image):
+        asked.append(image)
+        return image.reshape(1, N, -1).repeat(M // N, axis=1)
+
+    fit = fitted(uncertain=UncertainTransport(("dx",), np.array([[2.0]]), slopes))
+    image = TRUTH.reshape(*HIDDEN, 3)
+    expected = 2 * slopes(image)[:, USED].transpose(0, 2, 1)
+    for _ in range(2):
+        np.testing.assert_array_equal(fit.motions(image.copy()), expected)
+    assert len(asked) == 2
+    np.testing.assert_array_equal(fit.motions(3 * image), 3 * expected)
 
 
 def test_gram_norm_and_operator_are_those_of_the_projected_matrix(fit):

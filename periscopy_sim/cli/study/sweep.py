@@ -1,8 +1,9 @@
 """`periscopy sweep`: methods over images, ambient light, noise, and whatever varies in a scene."""
 
+import re
 import sys
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,14 +14,14 @@ import typer
 import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightOptions
-from periscopy_sim.cli.options import PHOTOGRAPH, option
+from periscopy_sim.cli.options import PHOTOGRAPH, option, parse_definitions
 from periscopy_sim.cli.output import progress, record, say, show_table, written
 from periscopy_sim.cli.session import WallSession
-from periscopy_sim.cli.study.axes import parse_axes, parse_values
 from periscopy_sim.cli.study.forecast import counted, show_parts, show_time
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
+from periscopy_sim.numerics.limits import RANGES, in_range, number_of
 from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -222,3 +223,32 @@ def _show_means(results: "xr.Dataset") -> None:
         failed = messages[messages != ""]
         if failed.size:
             say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")
+
+
+def parse_values(text: str, flag: str) -> list[Any]:
+    """Read the values of an axis: ``1,2,5`` or words, ``0:1:5``, or ``0.1:10:log:9`` (or ``lin``).
+
+    Values that are all numbers become such.
+    """
+    steps = re.fullmatch("(.+?):(.+?):(?:(log|lin):)?([0-9]{1,4})", text)
+    words = [*steps.groups()[:2]] if steps else text.split(",")
+    values: list[Any] = [number_of(each) for each in words]
+    if steps:
+        valid = np.isfinite(values).all() and (steps[3] != "log" or min(values) > 0)
+        space: Any = np.geomspace if steps[3] == "log" else np.linspace
+        values = [float(f"{each:.6g}") for each in space(*values, int(steps[4]))] if valid else []
+    elif not np.isfinite(values).all():
+        is_range = ":" in text and np.isfinite([number_of(each) for each in text.split(":")]).all()
+        values = [] if is_range else [each.strip() for each in words]
+    if not (in_range("count", len(values)) and all(map(str, values))):
+        form = "1,2,5, or 0:1:5, or 0.1:10:log:9, at most {:,}".format(RANGES["count"][1])
+        raise ps.PeriscopyError(f"{flag} '{text}': write values as {form}")
+    if len({*values}) < len(values):
+        raise ps.PeriscopyError(f"{flag} '{text}': give each value once")
+    return values
+
+
+def parse_axes(entries: Iterable[str] | None) -> dict[str, list[Any]]:
+    """Read ``--vary NAME=VALUES``, each name once."""
+    axes = parse_definitions(entries, "--vary")
+    return {name: parse_values(text, f"--vary {name}") for name, text in axes.items()}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.model.evidence import Evidence
+from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.model.transport_operator import as_array
 from periscopy_sim.numerics import Array, Image, Mask

@@ -20,14 +20,13 @@ Images with much black are still 1.1 to 1.6 times too bright there; `make valida
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from periscopy_sim.model.ambient_lines import AmbientLines
 from periscopy_sim.model.correction import Correction
-from periscopy_sim.model.evidence import Evidence
-from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.fit import Evidence, Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.model.uncertainty import UncertainTransport, displacement, standard_errors
 from periscopy_sim.model.wall_gain import WallGain
@@ -65,6 +64,11 @@ class NoiseAwareReconstruction(Solution[np.float64]):
         The photograph, corrected.
     corrections
         The corrections' numbers, by name.
+    exposures, exposure_errors
+        Of several views each one's exposure over the first one's, and its relative standard error;
+        by camera. Noise and image are in units of the first photograph.
+    views
+        Of several views each one's own solution, by camera, with the image of this view alone.
     """
 
     weight: float
@@ -74,10 +78,29 @@ class NoiseAwareReconstruction(Solution[np.float64]):
     evidence: Evidence
     photograph: FittedPhotograph | None = None
     corrections: Mapping[str, Any] = field(default_factory=dict)
+    exposures: Mapping[str, float] = field(default_factory=dict)
+    exposure_errors: Mapping[str, float] = field(default_factory=dict)
+    views: Mapping[str, Self] = field(default_factory=dict)
 
     def numbers(self) -> dict[str, Any]:
-        """Return the noise, the weight, the iterations and the corrections' numbers."""
-        return {**self.corrections, **super().numbers(), "iterations": self.iterations}
+        """Return the noise, the weight, the iterations, corrections' numbers and exposures."""
+        own = {**self.corrections, **super().numbers(), "iterations": self.iterations}
+        of_views = {"exposures": self.exposures, "exposure_errors": self.exposure_errors}
+        return own | (of_views if self.views else {})
+
+    def notes(self) -> list[Note]:
+        """Return notes of exposures, of lines of ambient light and of a gain over the wall."""
+        numbers, notes, (first, *others) = self.corrections, list[Note](), [*self.exposures] or [""]
+        for camera in others:
+            exposure, error = self.exposures[camera], self.exposure_errors[camera]
+            number = {"camera": camera, "exposure": exposure, "error": exposure * error}
+            notes.append(Note("exposure_of", {**number, "first": first}))
+        if numbers.get("ambient_lines_found"):
+            notes.append(Note("ambient_lines"))
+        if numbers.get("wall_gain_found"):
+            low, high = numbers["wall_gain_range"]
+            notes.append(Note("wall_gain", {"low": low, "high": high}))
+        return notes
 
     @property
     def converged(self) -> bool:
@@ -138,7 +161,7 @@ class NoiseAware(StillMethod[np.float64]):
         **scene: Any,
     ) -> None:
         super().__init__(A, B, **scene)
-        self.fit = replace(self.fit, profiles=profiles)
+        self.fit = replace(self.fit, profiles=profiles, uncertain=uncertain)
         if not 0 < regularization < np.inf:
             raise ValueError(f"regularization is {regularization}: give a positive, finite number")
         check_stopping(tolerance, max_iterations)
@@ -146,7 +169,6 @@ class NoiseAware(StillMethod[np.float64]):
         self.positive = positive
         self.tolerance = tolerance
         self.max_iterations = max_iterations
-        self.uncertain = uncertain
         self._corrections = corrections
 
     @cached_property
@@ -241,31 +263,26 @@ class NoiseAware(StillMethod[np.float64]):
 
     def with_errors(self, report: Report, solution: NoiseAwareReconstruction) -> Report:
         """Return a report with standard errors, and notes of the place and of the corrections."""
-        response, notes = self._response(solution), correction_notes(solution)
-        counted = [] if self.uncertain is None else list(self.uncertain.names)
+        response, notes = self._response(solution), solution.notes()
+        counted = [] if self.fit.uncertain is None else list(self.fit.uncertain.names)
         numbers = {**report.numbers, "standard_errors_count": counted}
         if response is not None:
             f = self.hidden.vector(solution.image)
             places = displacement(self.fit.factor, self.hidden, f, response).tolist()
-            numbers["place_standard_error"] = (
-                places[0] if len(places) == 1 else dict(zip(self.hidden, places, strict=True))
-            )
+            by_id = dict(zip(self.hidden, places, strict=True))
+            numbers["place_standard_error"] = self.hidden.unwrapped(by_id)
             if (most := max(map(max, places))) > UNCERTAIN_PLACE:
                 notes.append(Note("place", {"most": most}))
-        errors = self.standard_errors(solution, response)
+        errors = self.standard_errors(solution)
         return replace(report, numbers=numbers, notes=notes, standard_errors=errors)
 
-    def standard_errors(
-        self, solution: NoiseAwareReconstruction, response: Array | None = None
-    ) -> Array:
+    def standard_errors(self, solution: NoiseAwareReconstruction) -> Array:
         """Return the standard error of each patch of a recovered image, see `model.uncertainty`.
 
         They are (R, C, channels), in units of the image, and assume that A and B are right but for
         the errors of uncertain parameters, that the corrections are, and that what the wall hides
-        of the image varies like what it shows. The `response` is that of `model.uncertainty`, None
-        to compute it.
+        of the image varies like what it shows.
         """
-        response = self._response(solution) if response is None else response
         evidence = solution.evidence
         noise = evidence.noise[:, None]
         errors = standard_errors(
@@ -275,23 +292,15 @@ class NoiseAware(StillMethod[np.float64]):
             self.fit.coordinates(evidence) / noise,
             self.hidden.vector(solution.image),
             solution.weight,
-            response,
+            self._response(solution),
         )
         image: Array = self.hidden.image(errors)
         return image
 
     def _response(self, solution: NoiseAwareReconstruction) -> Array | None:
         """Return what the scene's errors do to the image's light; see `Fit.response`."""
-        if self.uncertain is None:
-            return None
-        return self.fit.response(self.uncertain.lights(solution.image, self.fit.mask))
-
-    def motions(self, solution: NoiseAwareReconstruction) -> Array | None:
-        """Return what the scene's errors add to a solution's light; see `StillMethod`."""
-        if self.uncertain is None:
-            return None
-        lights = self.uncertain.lights(solution.image, self.fit.mask)
-        return lights if self.fit.mixing is None else np.asarray(self.fit.mixing @ lights)
+        lights = self.fit.motions(solution.image)
+        return None if lights is None else self.fit.response(lights)
 
     def corrected(self, photograph: Image, solution: NoiseAwareReconstruction) -> Array:
         """Return the photograph without the corrections' light; see `StillMethod`."""
@@ -302,14 +311,3 @@ class NoiseAware(StillMethod[np.float64]):
     def _mixing(self, channels: int) -> Array:
         """Return the matrix from images to the channels of the evidence, (C, P)."""
         return np.eye(channels) if self.fit.mixing is None else self.fit.mixing
-
-
-def correction_notes(solution: NoiseAwareReconstruction) -> list[Note]:
-    """Return the notes of a gain over the wall and of lines of ambient light, if there are any."""
-    numbers, notes = solution.corrections, []
-    if numbers.get("ambient_lines_found"):
-        notes.append(Note("ambient_lines"))
-    if numbers.get("wall_gain_found"):
-        low, high = numbers["wall_gain_range"]
-        notes.append(Note("wall_gain", {"low": low, "high": high}))
-    return notes

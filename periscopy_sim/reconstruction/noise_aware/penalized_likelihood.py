@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.model.evidence import Evidence
+from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import Solver, SpectralBasis
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.compilation import compiled_reordered

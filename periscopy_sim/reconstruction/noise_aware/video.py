@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from periscopy_sim.model.evidence import Evidence
+from periscopy_sim.model.fit import Evidence
 from periscopy_sim.reconstruction.method import Series
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,

@@ -22,8 +22,9 @@ that such images are equally bright constrains exposures only to a factor of two
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
-from typing import Any, NamedTuple, Self
+from copy import copy
+from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,17 +32,15 @@ from scipy import linalg
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.model.ambient import ROUNDING
-from periscopy_sim.model.fit import PRECISION, Fit
+from periscopy_sim.model.fit import PRECISION, Fit, FittedPhotograph
 from periscopy_sim.model.spectral_basis import laplacian
-from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.validation import InputError, plain_array
-from periscopy_sim.photograph import ColourMatrix, Photograph
+from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.reconstruction.noise_aware.noise_aware import (
     NoiseAware,
     NoiseAwareReconstruction,
-    correction_notes,
 )
 
 STRONGEST = 150
@@ -68,32 +67,6 @@ UNCERTAIN = 0.05
 """Relative standard error of an exposure above which a report warns of it."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ViewsReconstruction(NoiseAwareReconstruction):
-    """A hidden image of several views; noise and image are in units of the first photograph.
-
-    Attributes
-    ----------
-    exposures, exposure_errors
-        Each view's exposure over the first one's, and its relative standard error; by camera.
-    views
-        Each view's own solution, by camera; the images are those of each view alone.
-    method
-        The method for all pixels together.
-    """
-
-    _: KW_ONLY
-    exposures: Mapping[str, float]
-    exposure_errors: Mapping[str, float]
-    views: Mapping[str, NoiseAwareReconstruction]
-    method: NoiseAware
-
-    def numbers(self) -> dict[str, Any]:
-        """Return the numbers of the solution and the exposures."""
-        numbers = super().numbers()
-        return {**numbers, "exposures": self.exposures, "exposure_errors": self.exposure_errors}
-
-
 class NoiseAwareViews:
     """Recover the hidden image of several views of one scene; see the module.
 
@@ -113,12 +86,12 @@ class NoiseAwareViews:
         if not views:
             raise InputError("give one view at least")
         self.views = dict(views)
-        first = next(iter(self.views.values()))
-        for camera, view in self.views.items():
-            if view.hidden.shapes != first.hidden.shapes:
+        first = next(iter(views.values())).hidden
+        for camera, view in views.items():
+            if view.hidden.shapes != first.shapes:
                 raise InputError(
                     f"view '{camera}' has {view.hidden.sizes} hidden patches, the first one "
-                    f"{first.hidden.sizes}; give all views the same hidden image"
+                    f"{first.sizes}; give all views the same hidden image"
                 )
 
     @classmethod
@@ -133,12 +106,12 @@ class NoiseAwareViews:
 
         The settings are those of `NoiseAware`. Scenarios of different scenes are an InputError.
         """
-        first, *others = scenarios.items()
-        for camera, scenario in others:
-            if (scenario.path, scenario.parameters) != (first[1].path, first[1].parameters):
+        first: Any = next(iter(scenarios.values()), None)
+        for camera, each in scenarios.items():
+            if (each.path, each.parameters) != (first.path, first.parameters):
                 raise InputError(
-                    f"views of different scenes: '{first[0]}' is of {first[1]!r}, '{camera}' of "
-                    f"{scenario!r}; give cameras of one scene"
+                    f"views of different scenes: the first is of {first!r}, '{camera}' of "
+                    f"{each!r}; give cameras of one scene"
                 )
         return cls(
             {n: NoiseAware.for_scene(s, A[n], B.get(n), **settings) for n, s in scenarios.items()}
@@ -148,165 +121,101 @@ class NoiseAwareViews:
         """Return the hidden image, (R, C, channels), of a photograph by each camera."""
         return self.solve(photographs).image
 
-    def solve(self, photographs: Mapping[str, Photograph | Image]) -> ViewsReconstruction:
+    def solve(self, photographs: Mapping[str, Photograph | Image]) -> NoiseAwareReconstruction:
         """Return the hidden image and how it came about.
 
         A photograph of another camera, one that is missing, or other numbers of channels are an
         InputError; further errors are those of `NoiseAware.reconstruct`.
         """
-        methods = self._methods(photographs)
-        alone = {camera: methods[camera].solve(photographs[camera]) for camera in methods}
-        fits, planes = [each.fit for each in methods.values()], []
-        for camera, solution in alone.items():
-            assert solution.photograph is not None
-            fit, plane = methods[camera].fit, solution.photograph.planes
-            (whole,) = fit.planes(plain_array(_values(photographs[camera]))[None])
-            whole, rest = (fit.project_out(each) for each in (whole, plane))
+        if photographs.keys() != self.views.keys():
+            raise InputError(
+                f"there are photographs of {', '.join(photographs)}, the views are "
+                f"{', '.join(self.views)}; give one of each"
+            )
+        alone = {camera: view.solve(photographs[camera]) for camera, view in self.views.items()}
+        seen, planes = [each.photograph for each in alone.values() if each.photograph], []
+        for camera, corrected in zip(alone, seen, strict=True):
+            photograph, plane, fit = photographs[camera], corrected.planes, corrected.fit
+            y = photograph.values if isinstance(photograph, Photograph) else photograph
+            whole, rest = map(fit.project_out, (fit.vectors(y).T, plane))
             # A gain keeps the light of its photograph, whose exposure it would take over else.
             planes.append(plane * (np.vdot(whole, rest) / (np.vdot(rest, rest) or 1.0)))
-            if len(planes[-1]) != len(planes[0]):
+            if len(plane) != len(planes[0]):
                 raise InputError(
-                    f"the photograph of '{camera}' has {len(planes[-1])} channels, the first one "
+                    f"the photograph of '{camera}' has {len(plane)} channels, the first one "
                     f"{len(planes[0])}; give all views the same channels"
                 )
         noises = np.array([each.noise for each in alone.values()])
-        images = [methods[c].hidden.vector(each.image) for c, each in alone.items()]
-        sizes = [float(np.linalg.norm(f)) for f in images]
+        together, fits = copy(next(iter(self.views.values()))), [each.fit for each in seen]
+        vector = together.hidden.vector
+        sizes = [float(np.linalg.norm(vector(each.image))) for each in alone.values()]
         start = np.divide(sizes, sizes[0]) if min(sizes) > 0 else np.ones(len(sizes))
         with threadpool_limits(1):  # the bits then do not depend on the number of cores
-            s, errors = find_exposures(seen_patterns(fits, planes, noises), start)
+            s, errors = find_exposures(*seen_patterns(fits, planes), noises, start)
             scales = np.exp(np.mean(np.log(noises[0] / noises), axis=1))  # σ_1/σ_v
-            method = self._together(methods, s * scales)
-            y = [scale * each for scale, each in zip(scales, planes, strict=True)]
-            (evidence,) = method.evidence(np.concatenate(y, axis=1).T[None])
-            solution, _ = method.recover(evidence)
+            together.fit = Fit.of_views(fits, s * scales)
+            scaled = [scale * plane for scale, plane in zip(scales, planes, strict=True)]
+            stack = FittedPhotograph(np.hstack(scaled), together.fit)
+            solution, _ = together.recover(stack.evidence)
         solution.warn_unless_converged()
-        return ViewsReconstruction(
-            **vars(solution),
-            exposures=dict(zip(methods, s.tolist(), strict=True)),
-            exposure_errors=dict(zip(methods, errors.tolist(), strict=True)),
-            views=alone,
-            method=method,
+        exposures = dict(zip(alone, s.tolist(), strict=True))
+        of_each = dict(zip(alone, errors.tolist(), strict=True))
+        return replace(
+            solution, photograph=stack, views=alone, exposures=exposures, exposure_errors=of_each
         )
 
     def report(
-        self, photographs: Mapping[str, Photograph | Image], solution: ViewsReconstruction
+        self, photographs: Mapping[str, Photograph | Image], solution: NoiseAwareReconstruction
     ) -> tuple[Report, dict[str, Report]]:
         """Return what is known of the image, and of each view, by camera.
 
         The first report has standard errors, warnings of uncertain exposures, and each view's image
         alone as its stages; that of a view has its residual and verdict.
         """
-        reports = {}
-        for camera, method in self._methods(photographs).items():
-            alone, photograph = solution.views[camera], photographs[camera]
-            light = solution.exposures[camera] * method.hidden.vector(solution.image)
-            own = replace(alone, image=method.hidden.image(light))
-            report = StillMethod.report(method, _values(photograph), own)
-            reports[camera] = replace(report, notes=correction_notes(own))
-        whole = solution.method.with_errors(Report(numbers=solution.numbers()), solution)
-        first, *others = solution.exposures.items()
-        notes, warnings = [*whole.notes], []
-        for camera, exposure in others:
-            error = solution.exposure_errors[camera]
-            number = {"camera": camera, "exposure": exposure, "error": exposure * error}
-            notes.append(Note("exposure_of", {**number, "first": first[0]}))
-            if error > UNCERTAIN:
-                warnings.append(Note("exposure", {"camera": camera, "percent": 100 * error}))
+        assert solution.photograph is not None
+        reports, together = {}, copy(next(iter(self.views.values())))
+        together.fit = solution.photograph.fit
+        for camera, view in self.views.items():
+            own = self.of_view(camera, solution)
+            report = StillMethod.report(view, photographs[camera], own)
+            reports[camera] = replace(report, notes=own.notes())
+        whole = together.with_errors(Report(numbers=solution.numbers()), solution)
+        uncertain = {n: 100 * e for n, e in solution.exposure_errors.items() if e > UNCERTAIN}
+        warnings = [Note("exposure", {"camera": n, "percent": e}) for n, e in uncertain.items()]
         stages = [(f"{camera} alone", alone.image) for camera, alone in solution.views.items()]
-        return replace(whole, notes=notes, warnings=warnings, stages=stages), reports
+        return replace(whole, warnings=warnings, stages=stages), reports
 
-    def _methods(self, photographs: Mapping[str, Photograph | Image]) -> dict[str, NoiseAware]:
-        """Return the method of each view for its photograph's conditions."""
-        if photographs.keys() != self.views.keys():
-            raise InputError(
-                f"there are photographs of {', '.join(photographs)}, the views are "
-                f"{', '.join(self.views)}; give one of each"
-            )
-        return {camera: view.fitted_to(photographs[camera]) for camera, view in self.views.items()}
-
-    def _together(self, methods: Mapping[str, NoiseAware], weights: Array) -> NoiseAware:
-        """Return the method for all pixels used, view below view, each of a weight, (V,)."""
-        first, fits = next(iter(methods.values())), [each.fit for each in methods.values()]
-        A = [np.float32(w) * np.asarray(fit.rows) for w, fit in zip(weights, fits, strict=True)]
-        mixing = fits[0].mixing
-        if any(not np.array_equal(np.array(fit.mixing), np.array(mixing)) for fit in fits):
-            raise InputError(
-                "the views' colour matrices, over the colours of their walls, differ; give cameras "
-                "of one kind and walls of one colour"
-            )
-        together = NoiseAware(
-            np.concatenate(A),
-            linalg.block_diag(*(fit.basis for fit in fits)),
-            hidden=first.hidden,
-            regularization=first.regularization,
-            positive=first.positive,
-            tolerance=first.tolerance,
-            max_iterations=first.max_iterations,
-            profiles=False,
-            corrections=(),
-            uncertain=_uncertain(methods, weights),
-        )
-        if mixing is None:
-            return together
-        values = np.zeros((together.fit.A.shape[0], 1, len(mixing)))
-        return together.fitted_to(Photograph(values, colour_matrix=ColourMatrix(mixing)))
+    def of_view(self, camera: str, solution: NoiseAwareReconstruction) -> NoiseAwareReconstruction:
+        """Return a view's own solution with the image of all views, in the view's exposure."""
+        hidden = self.views[camera].hidden
+        light = solution.exposures[camera] * hidden.vector(solution.image)
+        return replace(solution.views[camera], image=hidden.image(light))
 
 
-def _values(photograph: Photograph | Image) -> Image:
-    return photograph.values if isinstance(photograph, Photograph) else photograph
+def seen_patterns(fits: Sequence[Fit], planes: Sequence[Array]) -> tuple[Array, Array]:
+    """Return G, (V, m, m), and WᵀA⊥ᵀ y⊥, (V, C, m), for the patterns that any view shows best.
 
-
-def _uncertain(methods: Mapping[str, NoiseAware], weights: Array) -> UncertainTransport | None:
-    """Return what the scene's errors do to all views together; None if a view counts none."""
-    known = [each.uncertain for each in methods.values() if each.uncertain is not None]
-    if len(known) < len(methods) or any(each.names != known[0].names for each in known):
-        return None
-    masks = [... if each.fit.mask is None else each.fit.mask for each in methods.values()]
-
-    def slopes(image: Image | Mapping[str, Image]) -> Image:
-        views = zip(weights, known, masks, strict=True)
-        return np.concatenate([w * each.slopes(image)[:, used] for w, each, used in views], axis=1)
-
-    return replace(known[0], slopes=slopes)
-
-
-class SeenPatterns(NamedTuple):
-    """One view's information on m patterns that all views share."""
-
-    gram: Array  # (m, m) G
-    products: Array  # (C, m) WᵀA⊥ᵀ y⊥
-    noise: Array  # (C,) σ
-
-
-def seen_patterns(
-    fits: Sequence[Fit], planes: Sequence[Array], noises: Array
-) -> list[SeenPatterns]:
-    """Return what each view shows of the patterns that any view shows best.
-
-    The planes are those of each view's photograph, (C, M'), the noises their σ, (V, C).
+    The planes are those of each view's photograph, (C, M').
     """
     rows = np.concatenate([fit.patterns.rows[fit.visible][-STRONGEST:] for fit in fits])
     rows = rows.astype(np.float64)
     lengths, V = np.linalg.eigh(rows @ (laplacian(fits[0].hidden.differences) @ rows.T))
     kept = lengths > DISTINCT * lengths[-1]
     W = rows.T @ (V[:, kept] / np.sqrt(lengths[kept]))
-    views = []
-    for fit, y, noise in zip(fits, planes, noises, strict=True):
-        shown = fit.operator.matmat(W)
-        views.append(SeenPatterns(shown.T @ shown, y @ shown, noise))
-    return views
+    shown = [fit.operator.matmat(W) for fit in fits]
+    products = [y @ each for y, each in zip(planes, shown, strict=True)]
+    return np.array([each.T @ each for each in shown]), np.array(products)
 
 
-def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, Array]:
+def find_exposures(G: Array, d: Array, σ: Array, start: Array) -> tuple[Array, Array]:
     """Return the exposures, (V,), 1 first, and their relative standard errors, from a start.
 
-    To the variance of an exposure adds that of A's rounding, and that of the prior's brightness by
-    the square of the part of the information that the prior has. If Newton's method does not
-    converge, it is an InputError.
+    G and d are those of `seen_patterns`, the σ, (V, C), those of the photographs' noise. To the
+    variance of an exposure adds that of A's rounding, and that of the prior's brightness by the
+    square of the part of the information that the prior has. If Newton's method does not converge,
+    it is an InputError.
     """
-    count, (channels, m) = len(views), views[0].products.shape
-    G, d, σ = (np.array(each) for each in zip(*views, strict=True))
+    count, channels, m = d.shape
     if not d.any():  # black photographs
         return np.ones(count), np.append(0.0, np.full(count - 1, BRIGHTNESS))
     G = G + ROUNDING * np.trace(G, axis1=1, axis2=2)[:, None, None] / m * np.eye(m)
@@ -317,14 +226,14 @@ def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, 
     widths = np.append(np.full(count - 1, BRIGHTNESS), np.full(channels, RANGE))
     x, step, least = begin, np.zeros(len(begin)), np.inf
     for _ in range(MOST_STEPS):
-        now = evidence_of(x + step, begin, widths, G, d, σ)
-        if now.value > least + ROUNDING * abs(least):
+        value, slopes, curvature, of_prior = evidence_of(x + step, begin, widths, G, d, σ)
+        if value > least + ROUNDING * abs(least):
             step = step / 2
             continue
-        x, least = x + step, now.value
-        λ, V = np.linalg.eigh(now.curvature)
-        step = -V @ (V.T @ now.slopes / np.maximum(np.abs(λ), 1 / RANGE**2))
-        if λ[0] > 0 and -step @ now.slopes < DECREMENT:
+        x, least = x + step, value
+        λ, V = np.linalg.eigh(curvature)
+        step = -V @ (V.T @ slopes / np.maximum(np.abs(λ), 1 / RANGE**2))
+        if λ[0] > 0 and -step @ slopes < DECREMENT:
             break
         step /= max(1.0, np.abs(step / widths).max())
     else:
@@ -332,27 +241,19 @@ def find_exposures(views: Sequence[SeenPatterns], start: Array) -> tuple[Array, 
             "the exposures of the views cannot be estimated: the evidence has no maximum near "
             "those of each view alone; recover each view alone, and compare their residuals"
         )
-    variances = np.diag(np.linalg.inv(now.curvature))[: count - 1]
-    by_prior = np.minimum(2 * variances * now.of_prior[1:], 1)
+    variances = np.diag(np.linalg.inv(curvature))[: count - 1]
+    by_prior = np.minimum(2 * variances * of_prior[1:], 1)
     errors = np.sqrt(variances + PRECISION**2 + (BRIGHTNESS * by_prior) ** 2)
     return np.exp(np.append(0.0, x[: count - 1])), np.append(0.0, errors)
 
 
-class ExposureEvidence(NamedTuple):
-    """-log p and its derivatives by the logarithms of s_2, … and of μ."""
-
-    value: float
-    slopes: Array  # (V - 1 + C,)
-    curvature: Array  # (V - 1 + C, V - 1 + C)
-    of_prior: Array  # (V,) information on the logarithm of s that the prior has
-
-
 def evidence_of(
     x: Array, begin: Array, widths: Array, G: Array, d: Array, σ: Array
-) -> ExposureEvidence:
-    """Return the evidence at logarithms x, a priori of such widths about where the search begins.
+) -> tuple[float, Array, Array, Array]:
+    """Return −log p, its slopes and curvature by the logarithms x of s_2, … and of μ, and more.
 
-    G, (V, m, m), d, (V, C, m), and σ, (V, C), are those of the views.
+    A priori x has these widths about where the search begins; G, (V, m, m), d, (V, C, m), and σ,
+    (V, C), are those of the views. The last is the information on log s that the prior has, (V,).
     """
     (count, channels, m), size = d.shape, len(d) + d.shape[1]
     s, μ = np.exp(np.append(0.0, x[: count - 1])), np.exp(x[count - 1 :])
@@ -385,4 +286,4 @@ def evidence_of(
     away = (x - begin) / widths
     value += float(away @ away) / 2
     slopes, curvature = slopes[1:] + away / widths, curvature[1:, 1:] + np.diag(widths**-2.0)
-    return ExposureEvidence(value, slopes, curvature, of_prior)
+    return value, slopes, curvature, of_prior

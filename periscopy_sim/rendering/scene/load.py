@@ -1,7 +1,7 @@
 """A Mitsuba scene as a `Scene`, what its camera sees and its hidden surfaces, or what it lacks."""
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -82,10 +82,6 @@ def load_geometry(
     return Geometry(view, Hidden.of_scene(scene, sizes))
 
 
-def _size(rows: int, columns: int) -> Size:
-    return operator.index(rows), operator.index(columns)
-
-
 def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     """Return the size of each hidden surface in file order, at most a patch for each pixel."""
     given = hidden if isinstance(hidden, Mapping) else dict.fromkeys(scene.emission, hidden)
@@ -103,8 +99,9 @@ def sizes_by_id(scene: Scene, hidden: Sizes, view: View) -> dict[str, Size]:
     if missing := [name for name in scene.emission if name not in given]:
         raise SceneError(f"{where}; give a size to '{missing[0]}', too")
     try:
-        sizes = {name: _size(*given[name]) for name in scene.emission}
-    except TypeError:
+        pairs = {name: tuple(map(operator.index, given[name])) for name in scene.emission}
+        sizes = {name: (rows, columns) for name, (rows, columns) in pairs.items()}
+    except (TypeError, ValueError):
         raise SceneError(f"hidden sizes {given}: give (rows, columns), whole numbers") from None
     patches = [rows * columns for rows, columns in sizes.values()]
     if min(map(min, sizes.values())) < 1 or sum(patches) > len(view.points):
@@ -192,23 +189,17 @@ class SceneLoader:
         key = movable, *sorted(values.items())
         if key in self._scenes:
             return self._scenes[key]
-        moved = self._at(values, movable)
-        if moved.source is self:  # others hold a Mitsuba scene of their own
-            while len(self._scenes) >= SCENES:
-                del self._scenes[next(iter(self._scenes))]
-            self._scenes[key] = moved
-        return moved
-
-    def _at(self, values: Mapping[str, str], movable: Sequence[str]) -> Scene:
         nodes = SceneNodes(self._path, values)
         layout = nodes.layout()
         if self._layout is None:  # of a pickled copy
             self._layout = SceneNodes(self._path, self.scene.parameters).layout()
         emission = self.scene.emission
         moved = only_motions(self._layout, layout, [*movable, *emission, *self._cameras])
-        if moved is None:
+        if moved is None:  # it is not kept: it holds a Mitsuba scene of its own
             return SceneLoader(nodes).scene
-        return replace(
+        while len(self._scenes) >= SCENES:
+            del self._scenes[next(iter(self._scenes))]
+        self._scenes[key] = replace(
             self.scene,
             document=nodes.document,
             places=layout.places,
@@ -222,6 +213,7 @@ class SceneLoader:
             walls=tuple(_moved_occluder(each, moved) for each in self.scene.walls),
             emission=layout.emission,
         )
+        return self._scenes[key]
 
     def view(self, scene: Scene, shape: Size | None, across: int, camera: str) -> View:
         """Return what a scene's camera sees of its wall; see `View.of`."""

@@ -45,7 +45,10 @@ class SceneNodes:
             surfaces = dict.fromkeys(self.hidden or [MONITOR], "Shape")
             required = {**({} if self.walls else {WALL: "Shape"}), **surfaces}
         for name, kind in required.items():
-            self._require(name, kind)
+            if name not in (plain := self.plain(kind)):
+                others = ", ".join(f"'{each}'" for each in plain) or "none"
+                what = f"no {kind.lower()} outside of groups has the id '{name}' ({others})"
+                raise self.error(what)
 
     @property
     def path(self) -> Path:
@@ -273,12 +276,6 @@ class SceneNodes:
             for _, each in self.children(self._state.root.props, kind)
             if each.plugin_name() not in ("instance", "shapegroup", "merge")
         ]
-
-    def _require(self, name: str, kind: str) -> None:
-        """Check that the scene itself has a node."""
-        if name not in (plain := self.plain(kind)):
-            others = ", ".join(f"'{each}'" for each in plain) or "none"
-            raise self.error(f"no {kind.lower()} outside of groups has the id '{name}' ({others})")
 
 
 def texture_of(image: NDArray[np.floating[Any]], mirrored: bool) -> NDArray[np.float32]:

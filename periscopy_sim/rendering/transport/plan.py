@@ -7,7 +7,7 @@ computations of a few rows measure either.
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -21,7 +21,7 @@ from periscopy_sim.analytic.area_transport import (
 )
 from periscopy_sim.errors import ClosedFormError, SceneError
 from periscopy_sim.geometry import Geometry
-from periscopy_sim.hidden import Hidden, Size
+from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
@@ -69,6 +69,8 @@ class TransportPlan:
     samples: int | None = None  # rays from each wall point to each patch; None for A by areas
     across: int = 1  # wall points along each side of a pixel, that A is averaged over
     is_given: bool = False  # whether A is a user's own
+    made: NDArray[np.float32] | None = field(default=None, compare=False, repr=False)
+    """A, if choosing the plan took all of it"""
 
     @property
     def by(self) -> str:
@@ -85,10 +87,8 @@ class TransportPlan:
             "transport_error": None if np.isnan(self.error) else self.error,
         }
 
-    def transport(
-        self, scenario: Geometry, made: NDArray[np.float32] | None = None, **of_rays: Any
-    ) -> NDArray[np.float32]:
-        """Compute A of direct light, (M, N), unless `planned` has made it.
+    def transport(self, scenario: Geometry, **of_rays: Any) -> NDArray[np.float32]:
+        """Compute A of direct light, (M, N), unless the plan has it.
 
         `render_transport` has the keywords, for rays. A SceneError says that no light of the
         monitor reaches the wall.
@@ -96,7 +96,7 @@ class TransportPlan:
         scenario = scenario.averaged(self.across)
         if self.samples is not None:
             return render_transport(scenario, samples=self.samples, **of_rays)
-        A = area_transport(scenario) if made is None else made
+        A = area_transport(scenario) if self.made is None else self.made
         require_light(A, scenario)
         return A
 
@@ -109,10 +109,8 @@ def planned(
     samples: int | None = None,
     seed: int = 0,
     budget: int | None = None,
-) -> tuple[TransportPlan, NDArray[np.float32] | None]:
+) -> TransportPlan:
     """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
-
-    Return the plan, and its A if the choice took all of it.
 
     A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
     a third of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
@@ -130,7 +128,7 @@ def planned(
         ways_to(scenario)
     if noise == np.inf:
         is_closed = by == "areas" or (by is None and samples is None and has_areas(scenario))
-        return TransportPlan(np.nan, None if is_closed else samples or FEWEST), None
+        return TransportPlan(np.nan, None if is_closed else samples or FEWEST)
     across = max(scenario.view.across, points_across(scenario.photograph_shape))
     if by == "areas" or (by is None and samples is None and has_areas(scenario)):
         try:
@@ -139,7 +137,7 @@ def planned(
             if by == "areas":
                 raise
     if samples is not None:
-        return TransportPlan(transport_error(scenario, samples, seed=seed), samples), None
+        return TransportPlan(transport_error(scenario, samples, seed=seed), samples)
     samples, rays = FEWEST, across**2 * int(np.prod(scenario.transport_shape))
     most = (BUDGET if budget is None else budget) / rays
     while (error := transport_error(scenario, samples, across, seed=seed)) > SMALL * noise:
@@ -148,12 +146,10 @@ def planned(
         samples, fewer = 2 ** int(np.log2(max(min(2 * wanted - 1, most), samples))), samples
         if samples == fewer:
             break
-    return TransportPlan(error, samples, across), None
+    return TransportPlan(error, samples, across)
 
 
-def _plan_areas(
-    scenario: Geometry, across: int, noise: float
-) -> tuple[TransportPlan, NDArray[np.float32] | None]:
+def _plan_areas(scenario: Geometry, across: int, noise: float) -> TransportPlan:
     """Return the fewest wall points in a pixel by which A by areas errs little.
 
     A of twice the points along each side errs by a fourth, or a third at edges of shadows. Pixels
@@ -190,9 +186,9 @@ def _plan_areas(
     if is_curved:
         coarse = white(across)
         # A curved patch counts as flat where it is cut; a quarter of it errs by a fourth.
+        halves = {name: (2 * R, 2 * C) for name, (R, C) in shapes.items()}
         whole, halved = (
-            white(across, Hidden.of_scene(scenario.scene, sizes))
-            for sizes in (scenario.hidden.shapes, _halved(scenario.hidden.shapes))
+            white(across, Hidden.of_scene(scenario.scene, sizes)) for sizes in (shapes, halves)
         )
         bent = deviation((whole - halved) ** 2)
     while True:
@@ -208,13 +204,8 @@ def _plan_areas(
         if error <= max(SMALL * noise, 2 * PRECISION) or 2 * across > most:
             break
         across, coarse = 2 * across, fine
-    plan = TransportPlan(max(float(np.hypot(error, bent)), PRECISION), None, across)
-    return plan, None if is_curved or across > first else A
-
-
-def _halved(sizes: dict[str, Size]) -> dict[str, Size]:
-    """Return the sizes of patches with edges half as long."""
-    return {name: (2 * rows, 2 * columns) for name, (rows, columns) in sizes.items()}
+    made = None if is_curved or across > first else A
+    return TransportPlan(max(float(np.hypot(error, bent)), PRECISION), None, across, made=made)
 
 
 def _bends(light: Array, view: View) -> Array:
@@ -260,19 +251,20 @@ def planned_for(
     points or, by rays, as many others; it is a third of the noise at most, within the budgets.
     Light of small bright details errs up to 8 times as much as white light (chair and plate).
     """
-    plan, made = planned(scenario, noise, by=by, samples=samples, seed=seed)
+    plan = planned(scenario, noise, by=by, samples=samples, seed=seed)
     rows = np.random.default_rng(seed).permutation(scenario.transport_shape[0])[: 4 * PIXELS]
     rows.sort()
     first = points_across(scenario.photograph_shape)
     while True:
-        A = plan.transport(scenario, made, seed=seed)
+        A = plan.transport(scenario, seed=seed)
         view = scenario.averaged(max(2 * plan.across, first)).view
         used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
         some = Geometry(view.of_pixels(used.reshape(view.shape)), scenario.hidden)
-        light = replace(plan, across=view.across).transport(some, seed=seed + 1) @ images
+        some_rows = replace(plan, across=view.across, made=None)
+        light = some_rows.transport(some, seed=seed + 1) @ images
         off = np.sqrt(np.mean((A[rows] @ images - light) ** 2, axis=(1, 2)))
         error = float((off / (light.mean(axis=(1, 2)) + 1e-30)).max())
-        finer, made = replace(plan, across=2 * plan.across), None
+        finer = replace(plan, across=2 * plan.across, made=None)
         if plan.samples is not None:
             finer = replace(plan, samples=4 * plan.samples)
         rays = (finer.samples or 0) * finer.across**2 * int(np.prod(scenario.transport_shape))
@@ -333,7 +325,7 @@ def transport(
             f"the scene is of type {type(seen).__name__}: give a scenario, which ps.load_scenario "
             "returns, or a view and the hidden surfaces beside it"
         )
-    plan, A = planned(seen, noise, by=by, seed=seed)
+    plan = planned(seen, noise, by=by, seed=seed)
     if plan.error > noise:
         remedy = "the camera or the hidden image fewer pixels"
         if plan.by == "areas":
@@ -344,5 +336,5 @@ def transport(
             RuntimeWarning,
             stacklevel=2,
         )
-    A = plan.transport(seen, A, seed=seed, progress=progress)
+    A = plan.transport(seen, seed=seed, progress=progress)
     return A if bounces == DIRECT else add_bounces(seen, A, bounces, seed=seed)

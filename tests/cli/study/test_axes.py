@@ -1,6 +1,6 @@
 import pytest
 
-from periscopy_sim.cli.study.axes import parse_axes, parse_values
+from periscopy_sim.cli.study.sweep import parse_axes, parse_values
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.study import conditions_of
 from periscopy_sim.numerics.limits import checked

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from experiments.learned.samples import as_displaced, ruler_values
+from experiments.learned.samples import as_displaced, ruler_values, solved
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.evaluation.metrics import shifted
 from periscopy_sim.rendering.scene.document import read_document
@@ -32,3 +32,15 @@ def test_truth_is_moved_to_where_the_image_stands(shift):
     assert np.mean((moved - image)[inner, inner] ** 2) < 0.1 * max(
         np.mean((truth - image)[inner, inner] ** 2), 1e-3
     )
+
+
+@pytest.mark.usefixtures("jit")
+def test_samples_are_of_the_scenes_own_patterns():
+    scene = ps.load_scenario("chair", (4, 5), {"resolution": 21})
+    rng = np.random.default_rng(0)
+    image = rng.uniform(0.1, 1, (1, 4, 5, 3))
+    light = scene.A @ image.reshape(20, 3)
+    y = light + 1e-3 * light.mean() * rng.standard_normal(light.shape)
+    samples = solved(scene, y.reshape(1, 21, 21, 3), image, np.ones(1), "train", False, seed=1)
+    assert samples.rows.shape == (20, 20) and samples.curvatures.shape == (20,)
+    assert samples.start.shape == (1, 3, 4, 5)

@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg
 
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.model.evidence import Evidence
+from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.reconstruction.noise_aware.penalized_likelihood import (
     RELAXATION,

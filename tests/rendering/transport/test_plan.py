@@ -11,7 +11,7 @@ from periscopy_sim.rendering.transport.plan import planned
 
 
 def plan_transport(*scene, **settings):
-    return planned(*scene, **settings)[0]
+    return planned(*scene, **settings)
 
 
 @pytest.mark.parametrize(("noise", "samples"), [(0.01, 256), (0.002, None)])
