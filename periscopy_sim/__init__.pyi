@@ -31,6 +31,7 @@ from .figures.display import save_png, show, to_srgb
 from .figures.laboratory.projections import draw
 from .hidden import Hidden, Surface
 from .laboratory.build import build_laboratory, lab
+from .light import Light
 from .live.watch import watch
 from .measurement import Sensor, add_noise, composite
 from .methods import find_method
@@ -63,7 +64,7 @@ from .rendering.transport.bounced import (
 from .rendering.transport.plan import transport
 from .rendering.transport.shadow_rays import render_transport
 from .rendering.variant import use_variant
-from .scenario import Light, Scenario, load_scenario
+from .scenario import Scenario, load_scenario
 from .scene import Scene
 from .shipped import find_image, find_scene
 from .storage.photographs import read_mask, read_photograph, read_sensor_image

@@ -286,9 +286,12 @@ def of_one_wall(
         raise PhotographError("the photographs have different colour matrices; give one")
     common: dict[str, Any] = {"mask": mask, "monitor_off": off}
     common["colour_matrix"] = matrices[0] if matrices else None
-    arrays = (each.values if isinstance(each, Photograph) else each for each in photographs)
-    named = zip(arrays, chain(names, repeat("photograph")), strict=False)
-    return [Photograph.of(each, shape, name, **common) for each, name in named]
+    checked = list[Photograph]()
+    for each, name in zip(photographs, chain(names, repeat("photograph")), strict=False):
+        is_known = isinstance(each, Photograph)
+        y = Photograph.of(each.values if is_known else each, shape, name, **common)
+        checked.append(replace(y, relative_error=each.relative_error if is_known else None))
+    return checked
 
 
 def common_pixels(mask: Mask | None, other: Mask | None) -> Mask | None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Sizes
+from periscopy_sim.light import Light
 from periscopy_sim.measurement import (
     TARGET,
     add_noise,
@@ -20,14 +21,15 @@ from periscopy_sim.measurement import (
     composite_error,
     noise_to_signal,
 )
-from periscopy_sim.memo import Memo
+from periscopy_sim.memo import Memo, light_cache, read_only
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.numerics.validation import is_name
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
-from periscopy_sim.shipped import DARK, find_image
+from periscopy_sim.shipped import DARK, find_condition, find_image, is_photograph
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
@@ -35,70 +37,12 @@ if TYPE_CHECKING:
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
     from periscopy_sim.rendering.ambient.background import Background
+    from periscopy_sim.rendering.photograph import Rendering
     from periscopy_sim.rendering.transport.bounced import BouncedTransport
-    from periscopy_sim.rendering.transport.kernel import Strata
-    from periscopy_sim.rendering.transport.plan import By, TransportPlan
+    from periscopy_sim.rendering.transport.plan import TransportPlan
 
 Progress = Callable[[float], None]
 """Called with the fraction done."""
-
-SIGNIFICANT = 3.0
-"""Standard deviations of the noise of all pixels' mean that a white surface's light exceeds."""
-
-LEAST_LIGHT = 0.25
-"""Mean of P A f of a white f, by other rays, below which it is A's grain that has rank. By 16 rays
-it is 0.7 to 1 on chair, plate, plant and corner, 0.04 to 0.19 on the doorway."""
-
-
-@dataclass(frozen=True, eq=False)
-class Light:
-    """How the light of a scenario is computed.
-
-    Attributes
-    ----------
-    by
-        ``"areas"`` or ``"rays"``; None takes areas where the scene has them.
-    samples
-        Rays from the centre of each pixel to each patch; None lets the photographs' noise decide.
-    bounces
-        Most reflections of a path in A: 1 is direct light, None any number.
-    ambient
-        The columns of B, (M, L) arrays side by side; None stands for Eq. 4 on the paper's grid.
-    strata
-        How rays spread over a patch, see `render_transport`.
-    matrix, record
-        A of your own in place of a computed one, and what its file says of its origin. It is of the
-        scene's present values: `Scenario.at` rejects it.
-    """
-
-    by: "By | None" = None
-    samples: int | None = None
-    bounces: int | None = 1
-    ambient: tuple[Image | None, ...] = (None,)
-    strata: "Strata" = "jittered"
-    matrix: "NDArray[Any] | BouncedTransport | None" = None
-    record: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.by not in (None, "areas", "rays"):
-            raise PeriscopyError(
-                f"by '{self.by}': light comes by areas or by rays, or None chooses"
-            )
-        if self.matrix is not None and (self.by, self.samples) != (None, None):
-            raise PeriscopyError(
-                "samples and by choose how A is computed; leave them out beside a matrix"
-            )
-        if self.samples is not None:
-            checked("samples", self.samples, "rays")
-        if self.bounces is not None:
-            checked("bounces", self.bounces, "bounces")
-
-    @property
-    def prototypes(self) -> list[str]:
-        """Digests of the columns of B, for a record; ``grid`` for Eq. 4."""
-        from periscopy_sim.storage.outputs.provenance import array_sha256
-
-        return ["grid" if B is None else array_sha256(B) for B in self.ambient]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,11 +106,10 @@ class Scenario(Geometry):
             for own in self.light.ambient:
                 if own is not None and own.shape[:1] != (pixels,):
                     raise PeriscopyError(f"B has shape {own.shape}; give it {pixels} rows")
-            return _read_only(np.hstack([eq4() if B is None else B for B in self.light.ambient]))
+            return np.hstack([eq4() if B is None else B for B in self.light.ambient])
 
-        return self.memo(
-            ("B", self._wall_digest, self._light_key), make, 4 * 512 * self.transport_shape[0]
-        )
+        size = 4 * 512 * self.transport_shape[0]
+        return self.memo.get(("B", self._wall_digest, self._light_key), make, size)
 
     def plan(self, noise: float | None = None, method: "Name" = DEFAULT) -> "TransportPlan":
         """Return how A is made for photographs of some noise over their mean, and its own error.
@@ -184,10 +127,15 @@ class Scenario(Geometry):
         wants_rays = entry is not None and entry.rays and light.by is None
         samples = light.samples or (RAYS if wants_rays else None)
         noise = NOISE if noise is None else noise
-        key = "plan", self._digest, self.seed, noise, light.by, samples
         make = partial(planned, self, noise, by=light.by, samples=samples, seed=self.seed)
-        plan: TransportPlan = self.memo(key, make, self._bytes)
-        return plan
+        key = "plan", self.digest, self.seed, noise, light.by, samples
+        return self.memo.get(key, make, self._bytes, TransportPlan)
+
+    def _direct(self, plan: "TransportPlan", progress: Progress | None) -> "NDArray[np.float32]":
+        """Return A of direct light, made as planned unless it is kept."""
+        strata, seed = self.light.strata, self.seed
+        make = partial(plan.transport, self, strata=strata, seed=seed, progress=progress)
+        return self.memo.get(("A", self.digest, seed, plan, strata), make, self._bytes, np.ndarray)
 
     def transport(
         self,
@@ -206,9 +154,13 @@ class Scenario(Geometry):
         VariantError
             If rays are needed in a scalar variant.
         """
-        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces, channels_mean
+        from periscopy_sim.rendering.transport.bounced import (
+            DIRECT,
+            BouncedLight,
+            render_bounced_light,
+        )
 
-        light, seed = self.light, self.seed
+        light = self.light
         if light.matrix is not None:
             if np.shape(light.matrix) != self.transport_shape:
                 given, own = np.shape(light.matrix), self.transport_shape
@@ -217,18 +169,18 @@ class Scenario(Geometry):
                 )
             return light.matrix
         plan = self.plan(noise, method)
+        if light.bounces == DIRECT:
+            return self._direct(plan, progress)
 
-        def make() -> Any:
-            strata = {"strata": light.strata}
-            A = _read_only(plan.transport(self, **strata, seed=seed, progress=progress))
-            if light.bounces != DIRECT:
-                A = add_bounces(self, A, light.bounces, seed=seed)  # to a copy: A is kept, too
-                _read_only(channels_mean(A))
-            return A
+        def make() -> "BouncedTransport":
+            A = self._direct(plan, progress).copy()
+            render = partial(render_bounced_light, self, bounces=light.bounces, seed=self.seed)
+            key = "bounces", self.digest, self.seed, light.bounces
+            bounced = self.memo.get(key, render, self._bytes // 8, BouncedLight)
+            return bounced.added_to(A, light.bounces)
 
-        key = "A", self._digest, seed, plan, light.strata, light.bounces
-        A: NDArray[np.float32] | BouncedTransport = self.memo(key, make, self._bytes)
-        return A
+        key = "bounced", self.digest, self.seed, plan, light.strata, light.bounces
+        return self.memo.get(key, make, self._bytes)
 
     def transport_of(
         self, images: Array, noise: float
@@ -260,40 +212,82 @@ class Scenario(Geometry):
 
         def make() -> Any:
             pictures = {n: read_hidden_image(given[n], shapes[n]) for n in hidden}
-            return hidden.unwrapped({n: _read_only(each) for n, each in pictures.items()})
+            return hidden.unwrapped({n: read_only(each) for n, each in pictures.items()})
 
         if not all(map(is_name, given.values())):
             return make()
         changed = [file.stat().st_mtime_ns for file in given.values()]
         key = "image", *given.items(), *shapes.values(), *changed
-        return self.memo(key, make, 24 * hidden.patches)
+        return self.memo.get(key, make, 24 * hidden.patches)
 
-    def ambient(self, light: Any, *, target: float = TARGET, progress: Any = None) -> "Background":
+    def ambient(
+        self, light: Any, *, target: float = TARGET, progress: Stage = silent
+    ) -> "Background":
         """Return ambient light on the wall, of a shipped condition or a scene file, and its error.
 
         It is rendered once for a wall, and kept in the user's cache. A photograph, (rows, columns,
         C) in any unit or its file, has no known error; ``none`` is black. `target` is the relative
         error of a pixel to reach.
         """
-        from periscopy_sim.rendering.ambient.background import Background
-        from periscopy_sim.storage import ambient_library as library
+        from periscopy_sim.rendering.ambient.background import Background, render_background
         from periscopy_sim.storage.photographs import read_photograph
 
         if is_name(light) and str(light) == DARK:
             black = np.zeros((*self.photograph_shape, self.channel_gain.shape[-1]))
             return Background(black, 0.0, 0.0)
-        if library.is_photograph(light):
+        if is_photograph(light):
             read: Any = read_photograph if is_name(light) else Photograph.of
             photograph = read(light, self.photograph_shape)
             return Background(photograph.values, 0.0, 0.0, warnings=photograph.warnings)
-        shown = {} if progress is None else {"progress": progress}
-        path = library.find_condition(str(light))
-        make = partial(library.ambient_light, path, self, self.seed, target=target, **shown)
-        key = "ambient", library.cached_light(path, self, self.seed, target)
-        size = 8 * self.view.channel_gain.shape[-1] * len(self.view.centers)
-        background: Background = self.memo(key, make, size)
-        _read_only(background.photograph)
-        return background
+        path, seed = find_condition(str(light)), self.seed
+
+        def make() -> Background:
+            with progress(f"ambient light: {path.stem}") as report:
+                made = render_background(path, self, target=target, seed=seed, progress=report)
+                report(1.0)  # an interrupt may have stopped Mitsuba in the midst of it
+            # To six digits: beyond those, results depend on the order in which BLAS adds.
+            both = made.relative_error, made.brightness_error
+            errors = (float(f"{each:.6g}") for each in both)
+            return Background(made.photograph.astype(np.float32), *errors)
+
+        key, size = self._ambient_key(path, target), 12 * int(np.prod(self.photograph_shape))
+        return self.memo.get(key, make, size, Background, light_cache())
+
+    def missing_ambient(self, names: Iterable[str], target: float = TARGET) -> dict[Any, str]:
+        """Return the names of ambient light that is not rendered yet, by what it depends on."""
+        keys = {self._ambient_key(find_condition(name), target): name for name in names}
+        return {key: n for key, n in keys.items() if not self.memo.holds(key, light_cache())}
+
+    def _ambient_key(self, path: Path, target: float) -> tuple[Any, ...]:
+        from periscopy_sim.storage.outputs.provenance import scene_sha256
+
+        wall = self.photograph_shape, self._wall_digest
+        return "ambient", scene_sha256(path), *wall, self.seed, target
+
+    def rendered(
+        self,
+        image: Any,
+        *,
+        snr: float,
+        bounces: int | None = None,
+        samples: int | None = None,
+        progress: Progress | None = None,
+    ) -> "Rendering":
+        """Return the light of an image on the wall, without noise, as fine as an SNR in dB needs.
+
+        It is kept; see `photograph`, which adds ambient light and noise.
+        """
+        from periscopy_sim.rendering.photograph import Rendering, rendering_of
+        from periscopy_sim.storage.outputs.provenance import image_sha256
+
+        render = partial(
+            rendering_of, self, image, snr=snr, samples=samples, bounces=bounces, seed=self.seed,
+            progress=progress,
+        )  # fmt: skip
+        shown = repr(image_sha256(self.hidden.images(image)))
+        key = "photograph", self.digest, self.seed, shown, snr, bounces, samples
+        size = 24 * int(np.prod(self.photograph_shape))
+        return self.memo.get(key, render, size, Rendering)
 
     def photograph(
         self,
@@ -340,8 +334,7 @@ class Scenario(Geometry):
         PeriscopyError
             If `ambient` and `sbr` do not go together, or there is no such light.
         """
-        from periscopy_sim.rendering.photograph import SNR, excess_of, rendering_of
-        from periscopy_sim.storage.ambient_library import is_photograph
+        from periscopy_sim.rendering.photograph import SNR, excess_of
 
         ambient = None if is_name(ambient) and str(ambient) == DARK else ambient
         if (ambient is None) != (sbr is None):
@@ -352,17 +345,16 @@ class Scenario(Geometry):
             if value is not None:
                 checked(name, [value], kind)
         colours = ColourMatrix.of(colour_matrix)
-        mixed = np.asarray if colours is None else colours.mix
+        mixed = np.array if colours is None else colours.mix
         light = None if ambient is None else self.ambient(ambient, target=target)
         purpose = SNR if snr is None else snr
         noise = noise_to_signal(purpose, np.inf)
         if sbr is not None:
             # Light that ambient light outshines may err more; both together have a third.
             noise = noise_to_signal(purpose, sbr) / np.sqrt(2)
-        rendered = rendering_of(
-            self, image, snr=-20 * np.log10(noise), samples=samples, bounces=bounces,
-            seed=self.seed, progress=progress,
-        )  # fmt: skip
+        rendered = self.rendered(
+            image, snr=-20 * np.log10(noise), samples=samples, bounces=bounces, progress=progress
+        )
         y, error = mixed(rendered.photograph), rendered.relative_error
         if light is not None and sbr is not None:
             is_seen = is_photograph(ambient)  # in the camera's channels
@@ -409,6 +401,7 @@ class Scenario(Geometry):
         ValueError
             If it cannot be fitted.
         """
+        from periscopy_sim import judgement
         from periscopy_sim.methods import entry_of, fit_method, key_of, label_of, source_sha256
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
@@ -423,10 +416,7 @@ class Scenario(Geometry):
             uncertain, _ = self.uncertainty(name, errors)
             fitted = fit_method(name, self, A, B, photograph, uncertain, **settings)
             fitted.name, fitted.plan = label_of(name), replace(plan, made=None)
-            pixels = np.ones(self.photograph_shape, bool)
-            self._check_rank(
-                fitted, plan.samples, pixels if photograph is None else photograph.pixels
-            )
+            judgement.check_rank(self, fitted, None if photograph is None else photograph.pixels)
             return fitted
 
         if not hasattr(errors or {}, "items"):
@@ -436,11 +426,11 @@ class Scenario(Geometry):
             )
         known = None if errors is None else tuple(sorted(errors.items()))
         key = (
-            *("method", key_of(name), source, self._digest, self.seed, plan, conditions),
+            *("method", key_of(name), source, self.digest, self.seed, plan, conditions),
             *(self._light_key, known, *sorted(settings.items())),
         )
         entry = entry_of(name) or METHODS[DEFAULT]
-        return self.memo(key, make, entry.bytes_per_entry * self._bytes // 4)
+        return self.memo.get(key, make, entry.bytes_per_entry * self._bytes // 4)
 
     @staticmethod
     def noise(photograph: Photograph) -> float | None:
@@ -477,25 +467,6 @@ class Scenario(Geometry):
         is_counted = bool(errors) and has_areas(self)
         return (moving_scene.uncertain_transport(self, errors) if is_counted else None), []
 
-    def _check_rank(self, fitted: "StillMethod[Any]", samples: int | None, pixels: Any) -> None:
-        """Reject P of an A of some rays whose rank is but that of their grain: other rays prove it.
-
-        `samples` of None are of an A without grain.
-        """
-        from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
-
-        P = getattr(fitted, "preconditioner", None)
-        if samples is None or P is None:
-            return
-        others = RenderedTransport(self, samples, seed=self.seed + 1)
-        kept = float(P.apply(others.white(np.flatnonzero(pixels))).mean())
-        if kept < LEAST_LIGHT:
-            raise PeriscopyError(
-                f"scene '{self.path}': A has almost no rank beside the grain of {samples} rays, in "
-                f"which P loses {100 * min(1 - kept, 1):.0f} % of a white image; use the method "
-                f"{DEFAULT}, or more rays"
-            )
-
     def calibrate(self, photograph: Any, **options: Any) -> "Calibration":
         """Correct the measured values of the scene's parameters by photographs of its wall.
 
@@ -528,22 +499,12 @@ class Scenario(Geometry):
     def check_light(self, noise: float | None, method: "Name" = DEFAULT) -> "list[Note]":
         """Return notes on A beside photographs of some noise: its error, surfaces hardly seen."""
         from periscopy_sim import judgement
-        from periscopy_sim.methods import entry_of
-        from periscopy_sim.reconstruction.method import Note
         from periscopy_sim.rendering.transport.bounced import channels_mean
 
-        light, notes = self.light, []
-        entry = entry_of(method)
-        has_grain = entry is not None and entry.rays  # a ridge for P
-        if light.matrix is not None or light.samples or light.by or not has_grain:
-            notes += judgement.check_error(self, self.plan(noise, method).origin, noise)
         A = channels_mean(self.transport(noise, method))
-        white = A.sum(axis=0, dtype=np.float64) / (A.sum(dtype=np.float64) or 1.0)
-        least = SIGNIFICANT * (noise or 0) / np.sqrt(len(A))
-        for name, part in self.hidden.slices.items():
-            if (share := float(white[part].sum())) < least:
-                notes.append(Note("hardly_seen", {"name": name, "percent": 100 * share}))
-        return notes
+        light, origin = self.light, self.plan(noise, method).origin
+        by_default = light.matrix is None and not (light.samples or light.by)
+        return judgement.check_light(self, origin, A, noise, method, by_default=by_default)
 
     def judge(
         self,
@@ -611,8 +572,8 @@ class Scenario(Geometry):
         return _sha256(_members(self.view))
 
     @cached_property
-    def _digest(self) -> tuple[Any, ...]:
-        """What A depends on: the scene's files and values, the view and the patches."""
+    def digest(self) -> tuple[Any, ...]:
+        """What direct light depends on: the scene's files and values, the view and the patches."""
         from periscopy_sim.storage.outputs.provenance import scene_sha256
 
         view, surfaces = self.view, self.hidden.items()
@@ -630,12 +591,6 @@ class Scenario(Geometry):
         light = self.light
         own = _sha256(light.ambient)
         return light.bounces, light.strata, own, None if light.matrix is None else light
-
-
-def _read_only(array: Any) -> Any:
-    """Return an array that a memo keeps, so that nobody writes into it."""
-    array.setflags(write=False)
-    return array
 
 
 def _members(value: Any) -> list[Any]:

@@ -1,6 +1,7 @@
 """Where the scenes and hidden images that come with the package lie."""
 
 from pathlib import Path
+from typing import Any
 
 from periscopy_sim.errors import (
     PeriscopyError,
@@ -9,6 +10,7 @@ from periscopy_sim.errors import (
     did_you_mean,
     path_fault,
 )
+from periscopy_sim.numerics.validation import is_name
 
 REALISTIC = (
     "high_sun", "low_sun", "overcast", "window_left", "window_right", "ceiling_panels",
@@ -21,6 +23,9 @@ DARK = "none"
 
 ADVERSARIAL = ("stained_glass", "snow")
 """Ambient scenes made to break the model of ambient light, as in the paper's Fig. 5."""
+
+CONDITIONS = (*REALISTIC, *ADVERSARIAL)
+"""All ambient scenes."""
 
 
 def scenes_folder() -> Path:
@@ -47,6 +52,21 @@ def find_image(name: str | Path) -> Path:
     A PhotographError lists what there is.
     """
     return _find(name, "images", ".png", "image", PhotographError)
+
+
+def find_condition(name: str | Path) -> Path:
+    """Return the file of a shipped ambient scene, ``overcast`` say, or the scene file named."""
+    if str(name) in CONDITIONS:
+        return find_scene(f"ambient/{name}")
+    if Path(name).suffix == ".xml" and Path(name).is_file():
+        return Path(name)
+    guess = did_you_mean(str(name), CONDITIONS) or f"there are {', '.join(CONDITIONS)}."
+    raise PeriscopyError(f"no ambient condition '{name}'; {guess} Or name a Mitsuba XML file")
+
+
+def is_photograph(light: Any) -> bool:
+    """Return whether light is a photograph, or its file, rather than a condition's name."""
+    return not is_name(light) or (Path(light).suffix != ".xml" and Path(light).is_file())
 
 
 def _find(

@@ -37,12 +37,12 @@ FLOORS = [
     {"figures", "evaluation", "dataset", "laboratory", "adapters", "deepinv"},
     {"scenario"},
     {"judgement"},
-    {"calibration", "methods"},
+    {"calibration", "methods", "memo"},
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"model"},
     {"photograph", "hidden", "view", "scene", "geometry", "shipped", "extras", "testing"},
-    {"memo", "own_code"},
+    {"own_code"},
     {"numerics", "errors"},
 ]
 MAKERS = {"rendering", "analytic", "model"}

@@ -52,7 +52,7 @@ def _existing_images(value: Any) -> Any:
 
 def _existing_light(value: str | None) -> str | None:
     """Return the name of a condition, or a photograph's file, that exists; None of no light."""
-    from periscopy_sim.storage.ambient_library import find_condition, is_photograph
+    from periscopy_sim.shipped import find_condition, is_photograph
 
     if value in (None, DARK):
         return None

@@ -1,6 +1,5 @@
 """`periscopy photograph`, `periscopy ambient` and `periscopy transport`: what a scene renders."""
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -9,16 +8,19 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import MonitorLight, most_bounces
 from periscopy_sim.cli.options import LIGHT, argument, option
-from periscopy_sim.cli.output import output_files, progress, record, show_table, written
+from periscopy_sim.cli.output import (
+    output_files,
+    output_folder,
+    progress,
+    record,
+    show_table,
+    written,
+)
 from periscopy_sim.cli.session import Session
 from periscopy_sim.measurement import TARGET
-from periscopy_sim.storage.ambient_library import (
-    CONDITIONS,
-    ambient_photographs,
-    find_condition,
-)
-from periscopy_sim.storage.formats.exr import read_exr, write_exr
-from periscopy_sim.storage.outputs.provenance import as_text, image_sha256
+from periscopy_sim.shipped import CONDITIONS, find_condition
+from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.outputs.provenance import as_text, image_sha256, scene_sha256
 
 TargetOption = Annotated[float, option("NUMBER", kind="error")]
 _IMAGE = "The hidden image: a file, or a shipped one."
@@ -83,7 +85,7 @@ def photograph(
 
 def ambient(
     scene: options.SceneOption,
-    out: options.ResumedFolder,
+    out: options.Out,
     names: Annotated[list[str] | None, argument("NAME", _NAMES)] = None,
     target: TargetOption = TARGET,
     seed: options.Seed = 0,
@@ -94,19 +96,21 @@ def ambient(
     The command path traces each condition and writes NAME.exr.
     """
     chosen = names or CONDITIONS
-    for name in chosen:
-        find_condition(name)
-    scenario = Session(scene, [], define).scenario
-    ambient_photographs(chosen, scenario, out, seed, target=target, progress=progress)
-    files, errors = [out / f"{Path(name).stem}.exr" for name in chosen], dict[str, float]()
-    for file in files:
-        metadata = read_exr(file)[1]
-        parts = float(metadata["relative_error"]), float(metadata["brightness_error"])
-        errors[file.stem] = float(np.hypot(*parts))
+    paths = {find_condition(name).stem: find_condition(name) for name in chosen}
+    if len(paths) < len(chosen):
+        raise ps.PeriscopyError(f"an ambient condition is given twice in {', '.join(chosen)}")
+    session, errors = Session(scene, [], define, seed), dict[str, float]()
+    with output_folder(out) as folder:
+        for name, path in paths.items():
+            light = session.ambient_light(path, target)
+            parts = {each: getattr(light, each) for each in ("relative_error", "brightness_error")}
+            made = {"ambient": name, "ambient_sha256": scene_sha256(path), "target": f"{target:g}"}
+            metadata = as_text({**session.provenance, **made})
+            write_exr(folder / f"{name}.exr", light.photograph, {**metadata, **parts})
+            errors[name] = float(np.hypot(*parts.values()))
     rows = [[name, f"{error:.1e}"] for name, error in errors.items()]
     show_table(rows, ["light", "relative error of a pixel"])
     record(relative_error=errors)
-    written(*files)
 
 
 def transport(session: Session, light: MonitorLight, out: options.OutFile) -> None:

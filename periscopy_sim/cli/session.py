@@ -178,7 +178,7 @@ class Session(options.OptionGroup):
             raise ps.PeriscopyError(f"{flag}{wrong}: name each hidden surface once: {form}")
         return pairs
 
-    def ambient_light(self, name: str, target: float = TARGET) -> "ps.Background":
+    def ambient_light(self, name: str | Path, target: float = TARGET) -> "ps.Background":
         """Return ambient light: of a photograph, of no known error, or of a condition."""
         light = self.scenario.ambient(name, target=target, progress=progress)
         self.warn(*light.warnings)

@@ -11,8 +11,7 @@ from periscopy_sim.dataset.hidden_sources import HiddenSource
 from periscopy_sim.dataset.reading import CHANNELS, Size
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import ColourMatrix
-from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.ambient_library import find_condition
+from periscopy_sim.shipped import find_condition, find_scene
 from periscopy_sim.storage.formats.yaml_document import Number, Sizes, Strict, ranged, read_yaml
 from periscopy_sim.storage.outputs.provenance import scene_sha256, sha256_of
 

@@ -26,10 +26,9 @@ from periscopy_sim.dataset.samples import (
 )
 from periscopy_sim.errors import ConfigurationError, OutputError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
-from periscopy_sim.numerics.machine import ahead, core_count, timed
+from periscopy_sim.numerics.machine import Stage, ahead, core_count, silent, timed
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.ambient_library import Progress, silent
 from periscopy_sim.storage.outputs.places import is_shared, place
 from periscopy_sim.storage.outputs.provenance import provenance
 from periscopy_sim.storage.outputs.staging import alone_in
@@ -71,7 +70,7 @@ def make_dataset(
     planned: Callable[[Work], None] | None = None,
     estimated: Callable[[float], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
-    rendering: Progress = silent,
+    rendering: Stage = silent,
 ) -> Made:
     """Make the blocks that a data set lacks.
 
@@ -153,11 +152,11 @@ def make_dataset(
         made = sum(store.layout.size((n,)) for blocks in shares.values() for n in blocks)
         done, blocks = layout.count - made, sum(map(len, shares.values()))
         if planned is not None:
-            rooms = missing_lights(settings, first, out / MAKING) if shares else 0
+            rooms = missing_lights(settings, first) if shares else 0
             planned(Work(made, len(shares), rooms, 1e-6 * made * layout.sample_bytes))
         begun: dict[int, RenderedGeometry] = {}
         if shares and scheduler is None and estimated is not None:
-            flat = settings, layout.photograph_shape, backgrounds_of(settings, first, out / MAKING)
+            flat = settings, layout.photograph_shape, backgrounds_of(settings, first)
             number, (block, *_) = next(iter(shares.items()))
             of_geometry, begun[number] = timed(partial(_geometry, flat, number))
             together = [(begun[number], block)] * core_count()  # as many as run at once
@@ -167,7 +166,7 @@ def make_dataset(
                 of_block = timed(partial(trial.write, (block,), tried[0][1]))[0]
             of_block += of_all / len(together)
             estimated((len(shares) - 1) * of_geometry + blocks * of_block)
-        backgrounds = backgrounds_of(settings, first, out / MAKING, rendering) if shares else {}
+        backgrounds = backgrounds_of(settings, first, rendering) if shares else {}
         shared = settings, layout.photograph_shape, backgrounds
         for block, values in _made(shared, shares, scheduler, store, begun):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.

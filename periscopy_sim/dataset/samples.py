@@ -10,6 +10,7 @@ import warnings
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,18 +31,14 @@ from periscopy_sim.dataset.distributions import Distribution, Source
 from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.hidden import named
+from periscopy_sim.light import Light
 from periscopy_sim.measurement import add_noise
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.machine import in_parallel
+from periscopy_sim.numerics.machine import Stage, in_parallel
 from periscopy_sim.numerics.products import combine_rows, times_rows
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
 from periscopy_sim.rendering.transport.plan import SMALL
-from periscopy_sim.scenario import Light, Scenario, load_scenario
-from periscopy_sim.storage.ambient_library import (
-    Progress,
-    ambient_photographs,
-    missing_photographs,
-)
+from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.storage.photographs import read_photograph
 
 GEOMETRY, CLIP, NOISE, SPLIT = 0, 1, 2, 4
@@ -375,15 +372,11 @@ def render_geometry(settings: Configuration, number: int) -> RenderedGeometry:
     return RenderedGeometry(draw, scenario, A)
 
 
-def missing_lights(settings: Configuration, scenario: Scenario, folder: Path) -> int:
+def missing_lights(settings: Configuration, scenario: Scenario) -> int:
     """Return how many conditions `backgrounds_of` renders."""
-    wall, seed = _in_grey(scenario), settings.seed
-    sources = ((n, each) for n, each in enumerate(settings.ambient) if isinstance(each, Conditions))
-    missing = (
-        missing_photographs(each.names, wall, folder / f"ambient-{n}", seed, each.target)
-        for n, each in sources
-    )
-    return len(set().union(*missing))
+    wall, sources = _in_grey(scenario), settings.ambient
+    rendered = (each for each in sources if isinstance(each, Conditions))
+    return len(set().union(*(wall.missing_ambient(each.names, each.target) for each in rendered)))
 
 
 def _in_grey(scenario: Scenario) -> Scenario:
@@ -395,28 +388,25 @@ def _in_grey(scenario: Scenario) -> Scenario:
 
 
 def backgrounds_of(
-    settings: Configuration, scenario: Scenario, folder: Path, progress: Progress | None = None
+    settings: Configuration, scenario: Scenario, progress: Stage | None = None
 ) -> Backgrounds:
     """Return the ambient light of each source of pictures or conditions, on a scene's wall in grey.
 
-    Pictures show the scene's wall, with a positive mean; `folder` keeps rendered conditions.
-    Without `progress` even light takes their place, to try how long a sample takes.
+    Pictures show the scene's wall, with a positive mean. Without `progress` even light takes the
+    place of conditions, to try how long a sample takes.
     """
     scenario, light = _in_grey(scenario), dict[int, NDArray[np.float32]]()
     for number, source in enumerate(settings.ambient):
         if isinstance(source, Conditions) and progress is None:
             even = np.ones((*scenario.photograph_shape, 3))
-            pictures = dict.fromkeys(source.names, even)
+            pictures = [(name, even) for name in source.names]
         elif isinstance(source, Conditions):
             assert progress is not None
-            rendered = ambient_photographs(
-                source.names, scenario, folder / f"ambient-{number}", settings.seed,
-                target=source.target, progress=progress,
-            )  # fmt: skip
-            pictures = {name: light.photograph for name, light in rendered.items()}
+            of_source = partial(scenario.ambient, target=source.target, progress=progress)
+            pictures = [(name, of_source(name).photograph) for name in source.names]
         elif isinstance(source, Pictures):
             shape = scenario.photograph_shape
-            pictures = {}
+            pictures = []
             for file in source.files:
                 values = read_photograph(file, shape).values
                 if values.shape[2] not in (1, settings.channels):
@@ -424,11 +414,11 @@ def backgrounds_of(
                         f"{file}: has {values.shape[2]} channels, the camera {settings.channels}"
                     )
                 values = np.broadcast_to(values, (*shape, settings.channels))
-                pictures[file] = values / _colour(scenario, settings.channels)
+                pictures.append((file, values / _colour(scenario, settings.channels)))
         else:
             continue
-        for name, picture in pictures.items():
+        for name, picture in pictures:
             if not picture.mean() > 0:
                 raise ConfigurationError(f"{name}: its mean is not positive")
-        light[number] = np.stack([*pictures.values()]).astype(np.float32)
+        light[number] = np.stack([picture for _, picture in pictures]).astype(np.float32)
     return light

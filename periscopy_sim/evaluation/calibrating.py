@@ -1,8 +1,8 @@
 """Methods that calibrate their scene by each photograph before they reconstruct it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from threading import Lock
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -41,68 +41,38 @@ def measures_of(units: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     return {**MEASURES, **each}
 
 
-ONE_AT_A_TIME = Lock()
-"""Dr.Jit's arrays belong to one thread at a time, and calibrations trace rays."""
-
-
-@dataclass(eq=False)
-class Calibrator:
-    """Finds a scene by a photograph, once for all methods that ask.
-
-    Attributes
-    ----------
-    scenario
-        The scene by the ruler.
-    truth
-        The true values of the numbers that declare an error, by name.
-    wall
-        The conditions of the photographs.
-    """
-
-    scenario: Scenario
-    truth: Mapping[str, float]
-    wall: Photograph
-    _found: dict[str, Calibration] = field(default_factory=dict, repr=False)
-
-    def __call__(self, values: Image) -> Calibration:
-        """Calibrate by a photograph, (rows, columns, channels)."""
-        digest = array_sha256(np.asarray(values))
-        if digest not in self._found:
-            wall = replace(self.wall, values=np.asarray(values, np.float64))
-            self._found[digest] = self.scenario.calibrate(wall, seed=0)
-        return self._found[digest]
-
-    def measures(self, values: Image) -> dict[str, float]:
-        """Return the measures of the calibration by a photograph, see `measures_of`."""
-        found = self(values)
-        errors = {p.name: p.value - self.truth[p.name] for p in found.parameters}
-        claimed = {p.name: float(p.standard_error) for p in found.parameters}
-        off = [abs(errors[name]) / claimed[name] for name in errors]
-        within = {f"within_{k}": float(np.mean(np.less(off, k))) for k in (1, 3)}
-        each = {"error": errors, "claimed": claimed}
-        numbers = {f"{of}.{n}": v for of, values in each.items() for n, v in values.items()}
-        return {"trusted": float(found.trusted), **within, **numbers}
-
-
 @dataclass(frozen=True, eq=False)
 class Calibrated:
     """A method whose scene is calibrated by the photograph that it reconstructs.
 
     Attributes
     ----------
-    calibrator
-        Finds the scene.
+    scenario
+        The scene by the ruler; its memo keeps a calibration for all methods.
+    truth
+        The true values of the numbers that declare an error, by name.
+    wall
+        The conditions of the photographs.
     fit
         Returns the method, fitted to a calibrated scenario.
     """
 
-    calibrator: Calibrator
+    scenario: Scenario
+    truth: Mapping[str, float]
+    wall: Photograph
     fit: Callable[[Scenario], Method]
 
     def fitted_to(self, photograph: Photograph) -> Self:
-        """Return this: `calibrator` and `fit` know the photographs' conditions."""
+        """Return this: it knows the photographs' conditions."""
         del photograph
         return self
+
+    def calibration(self, values: Image) -> Calibration:
+        """Calibrate by a photograph, (rows, columns, channels)."""
+        wall = replace(self.wall, values=np.asarray(values, np.float64))
+        key = "calibration", self.scenario.digest, array_sha256(wall.values), wall.conditions
+        make = partial(self.scenario.calibrate, wall, seed=0)
+        return self.scenario.memo.get(key, make, 16 * self.scenario.view.points.nbytes)
 
     def reconstruct(self, photograph: Image) -> Any:
         """Recover the hidden image, (R, C, channels), by the method that `fitted_by` returns.
@@ -116,9 +86,16 @@ class Calibrated:
 
         A PhotographError or a SceneError says that this photograph determines no number.
         """
-        with ONE_AT_A_TIME:
-            return self.fit(self.calibrator(photograph).scenario)
+        calibrated = self.calibration(photograph).scenario
+        return self.fit(replace(calibrated, light=self.scenario.light))
 
     def measures(self, photograph: Image) -> dict[str, float]:
         """Return the measures of the calibration by a photograph, see `measures_of`."""
-        return self.calibrator.measures(photograph)
+        found = self.calibration(photograph)
+        errors = {p.name: p.value - self.truth[p.name] for p in found.parameters}
+        claimed = {p.name: float(p.standard_error) for p in found.parameters}
+        off = [abs(errors[name]) / claimed[name] for name in errors]
+        within = {f"within_{k}": float(np.mean(np.less(off, k))) for k in (1, 3)}
+        each = {"error": errors, "claimed": claimed}
+        numbers = {f"{of}.{n}": v for of, values in each.items() for n, v in values.items()}
+        return {"trusted": float(found.trusted), **within, **numbers}

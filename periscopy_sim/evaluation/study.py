@@ -1,8 +1,8 @@
 """A sweep of a scenario: what it compares is checked, rendered once, reconstructed and kept."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,15 +12,17 @@ import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.evaluation.sweep import LIGHT, Sweep, run_sweep
+from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.evaluation.world import flipped_names
-from periscopy_sim.evaluation.worlds import KNOWN, Watcher, Worlds
+from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.numerics.limits import checked, size_of
+from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.numerics.validation import checked_scene, is_name, listed
 from periscopy_sim.numerics.words import WAYS, bounces_in_words
 from periscopy_sim.photograph import Photograph
@@ -30,7 +32,7 @@ from periscopy_sim.rendering.photograph import excess_of
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, DARK, REALISTIC, find_image, find_scene
 from periscopy_sim.storage.formats.table import format_of
-from periscopy_sim.storage.outputs.places import mirrored, place
+from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.provenance import (
     array_sha256,
     provenance,
@@ -51,11 +53,8 @@ SBRS, SNRS = (0.1, 1.0, 10.0), (60.0,)
 RUN = "command", "scene", "seed", "python"
 """Provenance that differs from run to run, or that no result depends on."""
 
-RENDERED = "**/photograph*.exr", "**/ambient"
 RESULTS = "sweep.zarr", "sweep.csv", "sweep.png"
 CELLS = "sweep.zarr/making/finished/*.json"
-VARIED = "ambient_prototypes", "mask", "monitor_off"
-"""Settings that no rendering depends on: they may change until there are results."""
 
 
 def sweep(
@@ -74,7 +73,10 @@ def sweep(
     mask: Mask | None = None,
     monitor_off: Mapping[str, Array] | None = None,
     scheduler: str | None = None,
-    watcher: Watcher | None = None,
+    planned: Callable[[Sweep, Sequence[Values]], None] | None = None,
+    timed: Callable[[str, float], None] | None = None,
+    noted: Callable[[Sequence[Note | str]], None] = warn_of,
+    progress: Stage = silent,
     command: Sequence[str] = (),
 ) -> "xr.Dataset":
     """Compare methods over hidden images, ambient light, noise, and whatever varies in a scene.
@@ -91,8 +93,8 @@ def sweep(
         Files or shipped pictures that the hidden surfaces show; a mapping gives them, and arrays,
         names, of several surfaces to mappings by id; see `Scenario.image`.
     out
-        Folder, or URL that fsspec opens, of ``sweep.zarr``, ``sweep.csv`` and what is rendered;
-        None keeps the results in memory alone.
+        Folder, or URL that fsspec opens, of ``sweep.zarr``, ``sweep.csv`` and the photographs that
+        are rendered; None keeps the results in memory alone.
     methods
         Names, ``file.py:callable``, or callables of (scenario, A, B); a mapping gives them names.
     ambient
@@ -114,8 +116,14 @@ def sweep(
         The pixels that rendered photographs use, and photographs with the monitor off, by name.
     scheduler
         Address of a Dask scheduler; None uses this machine's cores.
-    watcher
-        Follows the sweep.
+    planned
+        Called before the sweep, with it and the cells that are missing; see `SweepWork.of`.
+    timed
+        Called with the name of a method and a thread's seconds that it took for a photograph.
+    noted
+        Called with notes on scenes, or lines; by default they are warnings.
+    progress
+        Called with the name of each rendering, gives the function that takes the fraction done.
     command
         The words of a command, for the record.
 
@@ -133,14 +141,6 @@ def sweep(
         If the folder holds another sweep, or cannot be written.
     """
     checked_scene(scenario)
-    if out is None:
-        with TemporaryDirectory() as folder:
-            return sweep(
-                scenario, images, folder, methods=methods, ambient=ambient, flips=flips, sbr=sbr,
-                snr=snr, seeds=seeds, vary=vary, photograph=photograph, mask=mask,
-                monitor_off=monitor_off, scheduler=scheduler, watcher=watcher, command=command,
-            ).load()  # fmt: skip
-    out, watcher = place(out), watcher or Watcher()
     named = _named_methods(methods)
     require_all(*SWEEP, *libraries_of(*map(label_of, named.values())))
     for method in named.values():
@@ -177,7 +177,7 @@ def sweep(
             raise PeriscopyError("photograph: it shows one image; give that alone")
     shape = scenario.photograph_shape
     read = {n: read_photograph(file, shape, mask) for n, file in lights.items() if file}
-    watcher.note([line for each in read.values() for line in each.warnings])
+    noted([line for each in read.values() for line in each.warnings])
     measured = own | {name: each.values for name, each in read.items()}
     if is_dark:  # of an infinite SBR nothing is added
         flips, measured = False, {DARK: np.ones((*shape, 3))}
@@ -215,29 +215,26 @@ def sweep(
         "scene": {name: scene_sha256(find_scene(str(name))) for name in axes.get("scene", ())},
     }
     worlds = Worlds(
-        scenario=scenario, out=out, shown=shown, flips=flips, methods=named,
+        scenario=scenario, shown=shown, flips=flips, methods=named,
         photographs={} if photograph is None else dict.fromkeys(shown, photograph),
         ambient={name: measured.get(name) for name in lights},
         noise=noise_to_signal(max(decibels), max(ratios)), conditions={"settings": settings},
         conditions_of=sources, mask=mask, monitor_off=off, calibrates=KNOWN in axes,
-        watcher=watcher, command=command,
+        out=None if out is None else place(out), command=command, progress=progress, noted=noted,
     )  # fmt: skip
     worlds.check(axes)
-    with (
-        resumed_folder(out, settings, "sweep", (CELLS, *RESULTS, *RENDERED), VARIED),
-        mirrored(out, RESULTS) as (rendered, send),
-    ):
-        worlds = replace(worlds, out=rendered, keep=send)
-        whole = Sweep(
-            world=worlds, sbrs=ratios, snrs=decibels, seeds=range(seeds), seed=scenario.seed,
-            vary=axes, units=worlds.units(axes),
-        )  # fmt: skip
-        with watcher.progress("sweeping") as report:
+    whole = Sweep(
+        world=worlds, sbrs=ratios, snrs=decibels, seeds=range(seeds), seed=scenario.seed,
+        vary=axes, units=worlds.units(axes),
+    )  # fmt: skip
+    with TemporaryDirectory() as temporary, progress("sweeping") as report:
+        folder = worlds.out or Path(temporary)
+        with resumed_folder(folder, settings, "sweep", (CELLS, *RESULTS)):
             results = run_sweep(
-                whole, out, scheduler=scheduler, progress=report, timed=watcher.took,
-                planned=lambda missing: watcher.begin(whole, missing),
+                whole, folder, scheduler=scheduler, progress=report, timed=timed,
+                planned=planned and partial(planned, whole),
             )  # fmt: skip
-    watcher.note(_notes(scenario, results, worlds, by_default=not (light.by or light.samples)))
+    noted(_notes(scenario, results, worlds, by_default=not (light.by or light.samples)))
     return results
 
 

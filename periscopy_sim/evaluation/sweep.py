@@ -21,14 +21,14 @@ from periscopy_sim.errors import PeriscopyError, SceneError
 from periscopy_sim.evaluation.metrics import METRICS, measured
 from periscopy_sim.evaluation.sweep_store import MADE, SweepStore, Values
 from periscopy_sim.evaluation.workers import compute, connect
-from periscopy_sim.evaluation.world import World, WorldMaker
+from periscopy_sim.evaluation.world import World
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.hidden import named
 from periscopy_sim.methods import estimates_by, without_addresses
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.limits import RANGES, checked
+from periscopy_sim.numerics.limits import checked
 from periscopy_sim.numerics.machine import timed
-from periscopy_sim.numerics.validation import InputError, checked_numbers
+from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.own_code import OwnError
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -48,7 +48,8 @@ class Sweep:
     Attributes
     ----------
     world
-        A `World`, or what makes one of values of `vary`.
+        A `World`, or what makes one of an SNR and values of `vary`, and has its `axes`, `hidden`,
+        `channels`, `measures`, `conditions` and `conditions_of`.
     sbrs, snrs
         Signal-to-background ratios, infinite without ambient light, and signal-to-noise ratios in
         dB.
@@ -71,7 +72,7 @@ class Sweep:
         If something to vary is missing or doubled, or a number is out of range.
     """
 
-    world: WorldMaker
+    world: Any
     sbrs: Sequence[float]
     snrs: Sequence[float] = (60.0,)
     seeds: Sequence[int] = (0,)
@@ -84,10 +85,11 @@ class Sweep:
         """Reject settings that no sweep can have."""
         if not hasattr(self.world, "conditions_of"):
             raise InputError(f"the world is of type {type(self.world).__name__}: give a ps.World")
-        checked_numbers(self.sbrs, "sbrs", *RANGES["sbr"].ends)
-        checked_numbers(self.snrs, "snrs", *RANGES["decibels"].ends)
-        checked_numbers(self.seeds, "seeds", 0, whole=True)
-        checked("seed", self.seed, "seed")
+        kinds = {"sbrs": "sbr", "snrs": "decibels", "seeds": "seed", "seed": "seed"}
+        for name, kind in kinds.items():
+            checked(name, values := getattr(self, name), kind)
+            if (name == "seed") != (np.ndim(values) == 0):
+                raise InputError(f"{name} {values!r}: give a list of numbers; of seed, one")
         if not isinstance(self.vary, Mapping):
             raise InputError(f"vary is {self.vary!r}: give a dictionary of axes and their values")
         for name, values in self.vary.items():
@@ -116,7 +118,7 @@ class Sweep:
     def photograph(self, cell: Values) -> Array:
         """Return the measurement of a cell; see `World.photograph`."""
         values = {name: cell[name] for name in LIGHT}
-        world = self.world(cell["snr"], **{n: cell[n] for n in self.vary})
+        world: World = self.world(cell["snr"], **{n: cell[n] for n in self.vary})
         return world.photograph(**values, base=self.seed)
 
 

@@ -2,9 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -43,9 +43,6 @@ class World:
         How each method's A was made, by the method's name: `TransportPlan.origin`.
     draw
         A world that differs from others by chance, as by what a ruler reads, has noise of its own.
-    errors
-        Name of a hidden image, or of ambient light, to the own error of its photograph, over the
-        photograph's root mean square; without an entry it is not known, and counts as none.
     measures
         Further numbers that some methods return by ``measures(photograph)``: long names and units.
 
@@ -61,7 +58,6 @@ class World:
     methods: Mapping[str, Method]
     transport: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     draw: int = 0
-    errors: Mapping[str, float] = field(default_factory=dict)
     measures: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -155,18 +151,19 @@ class World:
 
         None where nothing is known of it.
         """
-        if not self.errors:
+        signal, ambient = self.signals[image], self.backgrounds[background]
+        errors = signal.relative_error, ambient.relative_error
+        if errors == (None, None):
             return None
-        signal, ambient = self.signals[image].used, self.backgrounds[background].used
-        errors = (self.errors.get(name, 0.0) for name in (image, background))
-        return composite_error(signal, ambient, sbr, *errors)
+        own = (each or 0.0 for each in errors)
+        return composite_error(signal.used, ambient.used, sbr, *own)
 
     def scale(self, image: str, sbr: float) -> float:
         """Return what `photograph` multiplies a signal by."""
         return float(1 / (self.signals[image].used.mean() * (1 + 1 / sbr)))
 
     def __call__(self, snr: float, **values: Any) -> Self:  # noqa: ARG002  of all SNRs
-        """Return the world, of a sweep that varies nothing in it; see `WorldMaker`."""
+        """Return the world, of a sweep that varies nothing in it."""
         if values:
             raise PeriscopyError(f"a world has no {', '.join(values)}; give what makes worlds")
         return self
@@ -203,40 +200,6 @@ class World:
             },
             "background": {n: array_sha256(each.values) for n, each in self.backgrounds.items()},
         }
-
-
-class WorldMaker(Protocol):
-    """What makes the worlds of a sweep; a `World` is such, of itself.
-
-    All have methods, images and ambient light of the same names.
-    """
-
-    @property
-    def axes(self) -> Mapping[str, Sequence[str]]:
-        """These names, by ``algorithm``, ``image`` and ``background``."""
-
-    @property
-    def hidden(self) -> Hidden:
-        """The hidden surfaces; a sweep's axis ``hidden`` may have other sizes."""
-
-    @property
-    def channels(self) -> int:
-        """Channels of the images."""
-
-    @property
-    def measures(self) -> Mapping[str, Mapping[str, Any]]:
-        """Further numbers that some methods return for a photograph; see `World`."""
-
-    @property
-    def conditions(self) -> Mapping[str, Any]:
-        """All that results depend on beside the values of axes, of JSON's types."""
-
-    @property
-    def conditions_of(self) -> Mapping[str, Mapping[str, Any]]:
-        """The same of what only the results of single values of an axis depend on, by axis."""
-
-    def __call__(self, snr: float, **values: Any) -> World:
-        """Return the world of photographs of an SNR, at values of the axes that a sweep varies."""
 
 
 TURNS = {"": (1, 1), " up-down": (-1, 1), " left-right": (1, -1), " both": (-1, -1)}

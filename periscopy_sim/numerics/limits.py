@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics.machine import available_memory
-from periscopy_sim.numerics.validation import InputError, checked_number, checked_numbers
+from periscopy_sim.numerics.validation import InputError, checked_number
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -80,18 +80,10 @@ def in_range(kind: str, *values: float) -> bool:
 
 
 def checked(name: str, values: Any, kind: str) -> list[float]:
-    """Return numbers that a user gives, one or several, if they are of a kind in `RANGES`.
-
-    An InputError names them as the user does.
-    """
-    is_list, numbers = isinstance(values, Iterable) and not isinstance(values, str), list[float]()
-    for each in values if is_list else [values]:
-        try:
-            numbers.append(checked_number(each, name, *RANGES[kind].ends, whole=RANGES[kind].whole))
-        except InputError as error:
-            named = f"{name}{each}" if name.endswith("=") else f"{name} {each}"
-            raise InputError(f"{named}: {str(error).partition(': ')[2]}") from error
-    return numbers
+    """Return `checked_number`s that a user gives, one or several, of a kind in `RANGES`."""
+    is_list, kin = isinstance(values, Iterable) and not isinstance(values, str), RANGES[kind]
+    each = values if is_list else [values]
+    return [checked_number(value, name, *kin.ends, whole=kin.whole) for value in each]
 
 
 def number_of(text: str) -> float:
@@ -108,7 +100,7 @@ def size_of(given: Any) -> tuple[int, int]:
     sides = [*map(int, text.groups())] if text else given
     if isinstance(sides, str) or not isinstance(sides, Iterable) or len(sides := [*sides]) != 2:
         raise InputError(f"'{given}' is not a size; write ROWSxCOLUMNS, such as 29x36")
-    rows, columns = checked_numbers(sides, f"the size {given}", *RANGES["side"].ends, whole=True)
+    rows, columns = checked(f"the size {given}: a side of", sides, "side")
     return int(rows), int(columns)
 
 

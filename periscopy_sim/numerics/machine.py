@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -45,6 +45,28 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         _here.process = before
+
+
+Stage = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+"""Receives the name of a long computation, and gives a function of the fraction that is done."""
+
+
+def silent(_: str) -> AbstractContextManager[Callable[[float], None]]:
+    """Show no progress."""
+    return nullcontext(lambda _: None)
+
+
+def rising(progress: Callable[[float], None] | None) -> Callable[[float], None]:
+    """Return a function that reports a fraction done, the largest so far: estimates may fall."""
+    most = 0.0
+
+    def report(done: float) -> None:
+        nonlocal most
+        most = max(most, done)
+        if progress is not None:
+            progress(most)
+
+    return report
 
 
 LONG = 2.0

@@ -57,17 +57,9 @@ def checked_number(
         limits = "".join(f" {word} {end:g}" for word, end, none in ends if end != none)
         kind = "whole " if whole else "finite " if most == FINITE else ""
         quotes = ", without quotes" if isinstance(value, str) else ""
-        raise InputError(f"{name} is {value!r}: give a {kind}number{limits}{quotes}")
+        told = name if name.endswith("=") else f"{name} "
+        raise InputError(f"{told}{number}: give a {kind}number{limits}{quotes}")
     return int(number) if whole else float(number)
-
-
-def checked_numbers(
-    values: Any, name: str, least: float = -FINITE, most: float = FINITE, *, whole: bool = False
-) -> list[float]:
-    """Return `checked_number`s of a sequence."""
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise InputError(f"{name} is {values!r}: give a list of numbers, such as [1, 10]")
-    return [checked_number(each, f"a value of {name}", least, most, whole=whole) for each in values]
 
 
 def is_name(value: Any) -> bool:

@@ -7,13 +7,15 @@ smoothed as far as these allow, as ambient light is. A path tracer, which is old
 what this cannot.
 """
 
+import inspect
 import itertools
 import math
 import warnings
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,7 @@ from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics.machine import rising
 from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
 from periscopy_sim.rendering.ambient.background import DIRECT_SAMPLES, RAY, Part, refined
 from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
@@ -37,6 +40,9 @@ from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 from periscopy_sim.view import LIFT, View, rises
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
 
 SNR = 60.0
 """SNR, in dB, of the photographs that are made where none is asked for: the paper's."""
@@ -75,71 +81,18 @@ class Rendering:
     relative_error
         Root mean square error over all pixels and channels, relative to the photograph's root mean
         square: Monte Carlo noise, and what its grid of wall points cannot follow.
+    made_for
+        SNR, in dB, that it serves; -inf for a given number of samples.
     """
 
     photograph: Array = field(repr=False)
     relative_error: float
+    made_for: float = -math.inf
 
     @property
     def snr(self) -> float:
         """Signal-to-noise ratio of the photograph itself, in dB."""
         return -20 * math.log10(self.relative_error) if self.relative_error else math.inf
-
-
-def render_photograph(
-    scenario: Geometry,
-    image: NDArray[np.floating[Any]] | Mapping[str, NDArray[np.floating[Any]]],
-    *,
-    snr: float = SNR,
-    samples: int | None = None,
-    bounces: int | None = None,
-    only_monitor: bool = False,
-    seed: int = 0,
-    progress: Callable[[float], None] | None = None,
-) -> Array:
-    """Render a photograph of the wall while hidden surfaces show images.
-
-    Parameters
-    ----------
-    scenario
-        The scene.
-    image
-        (R, C, 3) linear radiance along the monitor's normal, of any R and C; of several hidden
-        surfaces a mapping of such by id.
-    snr
-        Signal-to-noise ratio, in dB, of the noise that the photograph will be given: its own error
-        is at most a third of that, within a budget of some 20 s. No noise is added.
-    samples
-        Camera samples a pixel of Mitsuba's path tracer, which then renders the photograph, whatever
-        the `snr`; rounded up to twice a square number. None lets the `snr` decide.
-    bounces
-        Reflections a path may have: 1 is the wall alone, as in A; None traces on until Russian
-        roulette ends the path.
-    only_monitor
-        Remove every other emitter of the scene.
-    seed
-        Seed of all samples. The same seed and variant give the same bytes.
-    progress
-        Called with the fraction done.
-
-    Returns
-    -------
-    ndarray
-        (rows, columns, 3) float64 radiance; `rendering_of` also returns its error.
-
-    Warns
-    -----
-    RuntimeWarning
-        The photograph's own error exceeds a third of the noise.
-    """
-    rendering = rendering_of(
-        scenario, image, snr=snr, samples=samples, bounces=bounces, only_monitor=only_monitor,
-        seed=seed, progress=progress,
-    )  # fmt: skip
-    if samples is None:
-        for line in excess_of(rendering.relative_error, snr):
-            warnings.warn(f"'{scenario.path.stem}': {line}", RuntimeWarning, stacklevel=2)
-    return rendering.photograph
 
 
 def excess_of(error: float, snr: float) -> tuple[str, ...]:
@@ -183,7 +136,7 @@ def rendering_of(
         if number is not None:
             checked(name, number, kind)
     snr = checked_number(snr, "snr")  # it may be that of faint light beside ambient light
-    report, target = progress or (lambda _: None), allowed_error(snr)
+    report, target = rising(progress), allowed_error(snr)
     scene = scenario.scene
     # Pictures have the film's pixels.
     scenario = Geometry(View.of(scene, camera=scenario.view.camera), scenario.hidden)
@@ -199,12 +152,13 @@ def rendering_of(
     patches = sum(each.shape[0] * each.shape[1] for each in images.values())
     finest = 2 * points_across(scenario.photograph_shape)
     needs_paths |= len(scenario.view.points) * finest**2 * patches > MOST_ENTRIES
-    if samples is not None or needs_paths:
-        return _path_traced(scenario, shown(), bounces, samples, target, seed, report)
-    try:
-        direct, error = _direct_light(scenario, images, target, seed)
-    except SceneError:  # where a pixel's edge misses the wall
-        return _path_traced(scenario, shown(), bounces, samples, target, seed, report)
+    direct = None
+    if samples is None and not needs_paths:
+        with suppress(SceneError):  # where a pixel's edge misses the wall
+            direct, error = _direct_light(scenario, images, target, seed)
+    if direct is None:
+        traced = _path_traced(scenario, shown(), bounces, samples, target, seed, report)
+        return Rendering(*traced, -math.inf if samples else snr)
     report(0.5)
     light, rest = np.zeros_like(direct), 0.0
     if bounces != DIRECT or other_lights:
@@ -215,7 +169,64 @@ def rendering_of(
         )
     picture = np.maximum(direct + scenario.view.paint * light, 0) * scenario.channel_gain
     report(1.0)
-    return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest))
+    return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest), snr)
+
+
+def _with_parameters_of(
+    other: Callable[Given, Any],
+) -> Callable[[Callable[..., Result]], Callable[Given, Result]]:
+    """Let a function show the parameters of the other one, to which it gives them."""
+
+    def shown(function: Callable[..., Result]) -> Callable[Given, Result]:
+        signature = inspect.signature(other)
+        of_result = inspect.signature(function).return_annotation
+        vars(function)["__signature__"] = signature.replace(return_annotation=of_result)
+        return function
+
+    return shown
+
+
+@_with_parameters_of(rendering_of)
+def render_photograph(*given: Any, **named: Any) -> Array:
+    """Render a photograph of the wall while hidden surfaces show images.
+
+    Parameters
+    ----------
+    scenario
+        The scene.
+    image
+        (R, C, 3) linear radiance along the monitor's normal, of any R and C; of several hidden
+        surfaces a mapping of such by id.
+    snr
+        Signal-to-noise ratio, in dB, of the noise that the photograph will be given: its own error
+        is at most a third of that, within a budget of some 20 s. No noise is added.
+    samples
+        Camera samples a pixel of Mitsuba's path tracer, which then renders the photograph, whatever
+        the `snr`; rounded up to twice a square number. None lets the `snr` decide.
+    bounces
+        Reflections a path may have: 1 is the wall alone, as in A; None traces on until Russian
+        roulette ends the path.
+    only_monitor
+        Remove every other emitter of the scene.
+    seed
+        Seed of all samples. The same seed and variant give the same bytes.
+    progress
+        Called with the fraction done.
+
+    Returns
+    -------
+    ndarray
+        (rows, columns, 3) float64 radiance; `rendering_of` also returns its error.
+
+    Warns
+    -----
+    RuntimeWarning
+        The photograph's own error exceeds a third of the noise.
+    """
+    rendering = rendering_of(*given, **named)
+    for line in excess_of(rendering.relative_error, rendering.made_for):
+        warnings.warn(line, RuntimeWarning, stacklevel=2)
+    return rendering.photograph
 
 
 def bounced_light(scenario: Geometry, images: Mapping[str, Array], seed: int = 0) -> Array:
@@ -388,10 +399,10 @@ def _path_traced(
     target: float,
     seed: int,
     progress: Callable[[float], None],
-) -> Rendering:
+) -> tuple[Array, float]:
     """Return a photograph by Mitsuba's path tracer, of so many samples, or as the target asks.
 
-    Two renderings of half the samples each tell its error.
+    Two renderings of half the samples each tell its error, which is returned beside it.
     """
     # Mitsuba's plain path tracer takes a null BSDF for opaque where it samples emitters.
     kind = "volpath" if scenario.scene.transparent else "path"
@@ -411,7 +422,7 @@ def _path_traced(
         # The error falls as the samples' root at least.
         wanted = min(math.ceil(1.2 * count * (error / target) ** 2), TRACED[1])
         if samples is not None or error <= target or wanted <= count:
-            return Rendering(picture, error)
+            return picture, error
         count = wanted
 
 

@@ -464,3 +464,12 @@ def test_grey_photographs_give_grey_images_compared_with_the_mean_of_a_coloured_
     results = run_sweep(Sweep(world, [1e6], [200]), tmp_path)
     assert results.reconstruction.shape[-3:] == (2, 2, 1) and results.channel.values == ["grey"]
     assert results.psnr.item() > 50
+
+
+def test_an_image_and_a_light_of_one_name_have_errors_of_their_own():
+    signal = Photograph(np.ones((6, 7, 3)), relative_error=3e-3)
+    light = Photograph(np.ones((6, 7, 3)), relative_error=4e-3)
+    world = world_of(signals={"p": signal}, backgrounds={"p": light, "of a file": LIGHTS["sun"]})
+    assert world.own_error("p", "p", 1) == pytest.approx(np.hypot(3e-3, 4e-3) / 2)
+    assert world.own_error("p", "of a file", 1e9) == pytest.approx(3e-3)
+    assert world_of().own_error("p", "sun", 1) is None

@@ -123,3 +123,12 @@ def test_results_computed_ahead_come_in_order_with_an_error_in_its_place():
 def test_available_memory_is_what_the_machine_or_its_container_leaves():
     available = machine.available_memory()
     assert 0 < available <= 1.05 * psutil.virtual_memory().available + 2**28
+
+
+def test_reported_progress_never_falls():
+    seen = []
+    report = machine.rising(seen.append)
+    for done in (0.1, 0.5, 0.3, 0.6):
+        report(done)
+    assert seen == [0.1, 0.5, 0.5, 0.6]
+    machine.rising(None)(0.5)

@@ -2,7 +2,8 @@
 
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,8 +15,9 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options
 from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import PHOTOGRAPH, option, parse_definitions
-from periscopy_sim.cli.output import record, say, show_table, written
+from periscopy_sim.cli.output import progress, record, say, show_table, written
 from periscopy_sim.cli.session import WallSession
+from periscopy_sim.cli.study.forecast import counted, show_parts, show_time
 from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
@@ -27,6 +29,10 @@ from periscopy_sim.storage.outputs.staging import staged_file
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from periscopy_sim.evaluation.forecast import SweepWork
+    from periscopy_sim.evaluation.sweep import Sweep
+    from periscopy_sim.reconstruction.method import Note
 
 _VARY = (
     "An axis: sbr, snr, a <default> of the scene (assumed.NAME: of the methods' alone), assumed, "
@@ -44,6 +50,12 @@ SBRS, SNRS, PLACES = "0.1,1,10", "60", "overcast,low_sun,ceiling_panels"
 PATCHES = "29x36"
 OPTIONS = "sbr", "snr", "samples", "model", "hidden"
 """Options that are axes, too."""
+
+AXES = {
+    "algorithm": "method", "image": "image", "background": "place", "sbr": "SBR", "snr": "SNR",
+    "seed": "seed",
+}  # fmt: skip
+"""Axes that every sweep has, in words."""
 
 
 def sweep(
@@ -71,7 +83,7 @@ def sweep(
 
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
-    from periscopy_sim.cli.study.sweep_forecast import SweepForecast
+    from periscopy_sim.evaluation.forecast import SweepWork
     from periscopy_sim.evaluation.study import conditions_of
     from periscopy_sim.evaluation.workers import thread_count
 
@@ -102,17 +114,28 @@ def sweep(
     mask, monitor_off = session.companions() if wall is None else (None, None)
     texts = {"sbr": sbr, "snr": snr}
     levels = {name: parse_values(texts[name], f"--{name}") for name in texts if given[name]}
-    watcher = SweepForecast(session, thread_count(scheduler))
+    seconds = defaultdict[str, list[float]](list)
+
+    def planned(swept: "Sweep", missing: Sequence[Mapping[str, Any]]) -> None:
+        _show_work(work := SweepWork.of(swept, missing))
+        if (total := work.seconds(thread_count(scheduler))) is not None:
+            calibrations = counted(len(work.calibrations), "calibration")
+            show_time(total, *[calibrations] * bool(work.calibrations))
+
+    def noted(notes: "Sequence[Note | str]") -> None:
+        for each in notes:
+            session.warn(each) if isinstance(each, str) else session.warn_of([each])
+
     results = ps.sweep(
-        session.lit(light), shown, out, methods=names, ambient=places, flips=flips,
-        seeds=seeds, vary=axes, **levels,
-        photograph=wall, mask=mask, monitor_off=monitor_off, scheduler=scheduler, watcher=watcher,
+        session.lit(light), shown, out, methods=names, ambient=places, flips=flips, seeds=seeds,
+        vary=axes, **levels, photograph=wall, mask=mask, monitor_off=monitor_off,
+        scheduler=scheduler, planned=planned,
+        timed=lambda method, taken: seconds[method].append(taken), noted=noted, progress=progress,
         command=["periscopy", *sys.argv[1:]],
     )  # fmt: skip
     with staged_file(out / "sweep.png") as file:
         draw_sweep(file, results, metadata=session.metadata)
     _show_means(results)
-    seconds = watcher.seconds
     medians = {name: float(np.median(seconds[name])) for name in names if name in seconds}
     times = [[name, f"{median:.2g} s"] for name, median in medians.items()]
     show_table(times, ["method", "median time of a core for a photograph"])
@@ -120,6 +143,20 @@ def sweep(
     say(f"computed {computed} of {results['failure'].size} results")
     record(seconds=medians, computed=computed, results=results["failure"].size)
     written(*(out / name for name in ("sweep.zarr", "sweep.csv", "sweep.png")))
+
+
+def _show_work(work: "SweepWork") -> None:
+    """Print the results as a product over the axes, and what those that are missing need."""
+    record(missing=work.missing, results=work.results)
+    if not work.missing:
+        return
+    words = [
+        counted(size, AXES[name]) if name in AXES else f"{size} values of {name}"
+        for name, size in work.sizes.items() if size > 1 or name in ("algorithm", "image")
+    ] + [counted(work.flips, "flip")] * (work.flips > 1)  # fmt: skip
+    left = f"{work.missing:,} of " if work.missing < work.results else ""
+    say(f"{left}{counted(work.results, 'result')}: {' x '.join(words)}")
+    show_parts(**work.to_make)
 
 
 def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str, dict[str, str]]:
@@ -148,7 +185,8 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
 
 def _show_means(results: "xr.Dataset") -> None:
     """Print the mean PSNR of each method at each SBR, the differences, and the failures."""
-    from periscopy_sim.evaluation.statistics import UNITS, counted, differences, interval
+    from periscopy_sim.evaluation.statistics import UNITS, differences, interval
+    from periscopy_sim.evaluation.statistics import counted as counted_units
     from periscopy_sim.evaluation.worlds import KNOWN
 
     kept = [axis for axis in ("algorithm", KNOWN) if axis in results.dims]
@@ -181,7 +219,7 @@ def _show_means(results: "xr.Dataset") -> None:
             if name != first and np.isfinite(mean):
                 within = f" ± {half:.1f}" if np.isfinite(half) else ""
                 what = ", ".join([surface, *method, f"{first} minus {name}"])
-                shown.append([what, f"{mean:.1f}{within} dB", counted([one])])
+                shown.append([what, f"{mean:.1f}{within} dB", counted_units([one])])
     show_table(shown, ["difference", "95 %", "n"])
     if "trusted" in results:  # each by one calibration for all methods
         trusted = results["trusted"].max("algorithm")

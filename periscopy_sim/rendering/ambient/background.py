@@ -22,6 +22,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.measurement import TARGET
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.machine import rising
 from periscopy_sim.numerics.validation import checked_number
 from periscopy_sim.rendering.ambient.irradiance import BouncedIrradiance, direct_irradiance
 from periscopy_sim.rendering.scene.checks import check_media
@@ -139,7 +140,7 @@ def render_background(
     states = (np.random.SeedSequence([seed, k]).generate_state(1) for k in itertools.count())
     seeds = (int(state[0]) for state in states)
     with threadpool_limits(1):  # the last bits follow the number of threads
-        irradiance, errors = refined(parts, target, max_rounds, seeds, progress or (lambda _: None))
+        irradiance, errors = refined(parts, target, max_rounds, seeds, rising(progress))
     if not irradiance.any():
         raise SceneError(
             f"scene '{path}': no light reaches its wall; move its emitters or its wall"

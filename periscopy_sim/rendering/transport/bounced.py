@@ -19,6 +19,7 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.numerics import Array
+from periscopy_sim.numerics.machine import rising
 from periscopy_sim.numerics.validation import InputError, checked_matrix, checked_number
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.scene.load import build_scene
@@ -74,6 +75,13 @@ class BouncedLight:
         """Return what is added to some rows of the channels' mean, (rows, N)."""
         with threadpool_limits(1):  # the last bits follow the number of threads
             return np.asarray(self.over_wall[rows] @ self.mean)
+
+    def added_to(self, A: NDArray[np.float32], bounces: int | None) -> "BouncedTransport":
+        """Add this to a direct A, (M, N), in place: it becomes the channels' mean."""
+        for start in range(0, len(A), 1024):  # so many rows bound the memory
+            rows = slice(start, start + 1024)
+            A[rows] += self.rows(rows)
+        return BouncedTransport(A, self, bounces)
 
     @cached_property
     def colour(self) -> NDArray[np.float32]:
@@ -177,7 +185,7 @@ def render_bounced_light(
     direct = RenderedTransport(scenario, 1, seed=seed).white(rows)
     seeds = np.random.SeedSequence(seed).generate_state(ROUNDS * REPLICAS).reshape(ROUNDS, -1)
     total = np.zeros((REPLICAS, len(sites), patches, 3))
-    error = np.inf
+    error, report = np.inf, rising(progress)
     for done, own in enumerate(seeds.tolist(), 1):
         for replica, one in enumerate(own):
             total[replica] += trace(one)
@@ -186,8 +194,7 @@ def render_bounced_light(
             white = fit.functions(everywhere[rows]) @ fit.coefficients[..., :3].mean(axis=1)
         whole = np.mean((direct[:, np.newaxis] + white) ** 2)
         error = float(np.sqrt(fit.squared_error[:3].mean() / whole)) if whole else 0.0
-        if progress is not None:
-            progress(max(done / ROUNDS, min(1.0, (target / error) ** 2) if error else 1.0))
+        report(max(done / ROUNDS, min(1.0, (target / error) ** 2) if error else 1.0))
         if error <= target:
             break
     if error > target:
@@ -218,10 +225,7 @@ def add_bounces(
     """
     A = np.require(checked_matrix(A, "A"), requirements="W")
     bounced = render_bounced_light(scenario, bounces=bounces, seed=seed, progress=progress)
-    for start in range(0, len(A), 1024):  # so many rows bound the memory
-        rows = slice(start, start + 1024)
-        A[rows] += bounced.rows(rows)
-    return BouncedTransport(A, bounced, bounces)
+    return bounced.added_to(A, bounces)
 
 
 def channels_mean(A: NDArray[Any] | BouncedTransport) -> NDArray[Any]:

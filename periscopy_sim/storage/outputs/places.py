@@ -7,7 +7,7 @@ import errno
 import json
 import os
 import uuid
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from itertools import islice
@@ -188,19 +188,6 @@ def answers(path: Path, ask: Callable[[Item], Answer], items: Iterable[Item]) ->
 
 
 @contextmanager
-def local_copy(path: Path) -> Iterator[Path]:
-    """Have a file on this machine for the duration: itself, or a copy of an object."""
-    if not is_remote(path):
-        yield path
-        return
-    with TemporaryDirectory() as folder:
-        copy = Path(folder) / path.name
-        with original_named(path, copy):
-            copy.write_bytes(content(path))
-            yield copy
-
-
-@contextmanager
 def uploaded(path: Path) -> Iterator[Path]:
     """Write a file or fill a folder on this machine, which then goes to a store.
 
@@ -214,34 +201,3 @@ def uploaded(path: Path) -> Iterator[Path]:
         for file in files or [staged]:
             target = path / file.relative_to(staged).as_posix() if files else path
             put(target, file.read_bytes())
-
-
-@contextmanager
-def mirrored(folder: Path, but: Collection[str]) -> Iterator[tuple[Path, Callable[[], None]]]:
-    """Have a folder on this machine for the duration: itself, or a copy without some names.
-
-    The function that comes with it sends what is new in the copy to the store.
-    """
-    if is_remote(folder):
-        with TemporaryDirectory() as name:
-            copy = Path(name)
-            with unreachable_reported(folder):
-                held = [each for each in folder.iterdir() if each.name not in but]
-                files = [file for each in held for file in (each, *each.rglob("*"))]
-                for file in (each for each in files if each.is_file()):
-                    local = copy / str(file)[len(str(folder)) + 1 :]
-                    local.parent.mkdir(parents=True, exist_ok=True)
-                    local.write_bytes(content(file))
-            sent = {file: file.stat().st_mtime_ns for file in copy.rglob("*")}
-
-            def send() -> None:
-                for file in sorted(filter(Path.is_file, copy.rglob("*"))):
-                    changed = file.stat().st_mtime_ns
-                    if sent.get(file) != changed:
-                        put(folder / file.relative_to(copy).as_posix(), file.read_bytes())
-                        sent[file] = changed
-
-            with original_named(folder, copy):
-                yield copy, send
-    else:
-        yield folder, lambda: None

@@ -20,13 +20,11 @@ def resumed_folder(
     settings: Mapping[str, Any],
     what: str,
     files: Sequence[str],
-    varied: Sequence[str] | None = None,
 ) -> Iterator[None]:
     """Fill a folder over many runs of the same settings, alone in it.
 
     A folder of other settings, or with `files`, names or patterns, of unknown settings, is an
-    OutputError. Until the first of its files exists, the `varied` settings may differ; all of them
-    by default.
+    OutputError. Until the first of its files exists, the settings may differ.
     """
 
     def is_new() -> bool:
@@ -43,11 +41,8 @@ def resumed_folder(
         except (ValueError, TypeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "is damaged"
             raise OutputError(f"{out / SETTINGS}: {reason}; name another folder") from None
-        if not any(True for pattern in files for _ in out.glob(pattern)):
-            return  # a run that made nothing
-        if is_new():
-            recorded |= {name: settings[name] for name in varied or settings}
-        check_settings(recorded, settings, str(out), what)
+        if not is_new():
+            check_settings(recorded, settings, str(out), what)
 
     with out_of_space_reported(out):
         check()  # before the folder is made

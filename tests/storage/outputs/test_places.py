@@ -13,8 +13,7 @@ from periscopy_sim.errors import DatasetError, OutputError, PeriscopyError
 from periscopy_sim.evaluation.sweep import Sweep, run_sweep
 from periscopy_sim.evaluation.sweep_store import read_sweep
 from periscopy_sim.evaluation.world import World
-from periscopy_sim.storage.outputs.places import content, local_copy, mirrored, place, put
-from periscopy_sim.storage.outputs.resume import resumed_folder
+from periscopy_sim.storage.outputs.places import place, put
 from periscopy_sim.storage.outputs.store import BlockStore, Records, StoreLayout
 from tests.scenes.contents import contents
 
@@ -169,28 +168,6 @@ def test_a_sweep_has_the_bytes_of_one_in_a_folder(tmp_path):
     assert read_sweep(place("s3://lab/sweep/sweep.zarr")).equals(found)
 
 
-@pytest.mark.parametrize("protocol", ["s3", "file"])
-def test_what_is_rendered_comes_back_from_the_store(protocol, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    folder = place(f"{protocol}://{'lab' if protocol == 's3' else tmp_path / 'store'}/kept/")
-    for run in range(2):
-        with (
-            resumed_folder(folder, {"seed": 1}, "sweep", ("sweep.zarr/*.json",)),
-            mirrored(folder, ["sweep.zarr"]) as (local, send),
-        ):
-            file = local / "ruler=1" / "A.npy"
-            if run == 0:
-                file.parent.mkdir()
-                file.write_bytes(b"A")
-                send()
-            assert file.read_bytes() == b"A"
-    assert content(folder / "ruler=1" / "A.npy") == b"A"
-    assert {each.name for each in tmp_path.iterdir()} <= {"store"}
-    with pytest.raises(OutputError, match="holds another sweep"):  # noqa: SIM117
-        with resumed_folder(folder, {"seed": 2}, "sweep", ("settings.json",)):
-            pass
-
-
 def store(url):
     variable = {"shape": (4,), "chunks": (2,), "dtype": float, "dimension_names": ("k",)}
     layout = StoreLayout("sweep", {"x": {**variable, "fill_value": np.nan}}, {"k": (4, 2)})
@@ -230,13 +207,6 @@ def test_a_bucket_that_vanishes_is_one_line():
     s3fs.S3FileSystem().rm("brief", recursive=True)
     with pytest.raises(OutputError, match=r"cannot use s3://brief/.*does not exist"):
         begun.write((0,), {"x": np.ones(2)})
-
-
-def test_errors_name_the_object_not_its_copy():
-    put(place("s3://lab/broken.exr"), b"")
-    with pytest.raises(PeriscopyError, match=r"^s3://lab/broken\.exr"):  # noqa: SIM117
-        with local_copy(place("s3://lab/broken.exr")) as copy:
-            raise PeriscopyError(f"{copy}: is empty")
 
 
 @pytest.mark.parametrize("url", ["s3://none/data.zarr", "nowhere://lab/data.zarr"])
