@@ -93,7 +93,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
     A third of its letters may differ; its words may stand in another order, or be its beginning.
     """
-    name, nearest, least = name.lower(), "", max(1, len(name) // 3) + 1
+    name, nearest, least = name.lower(), "", len(name) // 3 + 1
     for each in known:
         other = each.lower()
         far = len(other) - len(name)

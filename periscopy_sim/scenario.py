@@ -135,7 +135,8 @@ class Scenario(Geometry):
         """Return A of direct light, made as planned unless it is kept."""
         strata, seed = self.light.strata, self.seed
         make = partial(plan.transport, self, strata=strata, seed=seed, progress=progress)
-        return self.memo.get(("A", self.digest, seed, plan, strata), make, self._bytes, np.ndarray)
+        key = "A", self.digest, seed, replace(plan, made=None), strata
+        return self.memo.get(key, make, self._bytes, np.ndarray)
 
     def transport(
         self,
@@ -238,7 +239,9 @@ class Scenario(Geometry):
         if is_photograph(light):
             read: Any = read_photograph if is_name(light) else Photograph.of
             photograph = read(light, self.photograph_shape)
-            return Background(photograph.values, 0.0, 0.0, warnings=photograph.warnings)
+            channels = self.channel_gain.shape[-1] if photograph.channels == 1 else 1
+            values = np.repeat(photograph.values, channels, axis=2)
+            return Background(values, 0.0, 0.0, warnings=photograph.warnings)
         path, seed = find_condition(str(light)), self.seed
 
         def make() -> Background:
@@ -336,7 +339,10 @@ class Scenario(Geometry):
         """
         from periscopy_sim.rendering.photograph import SNR, excess_of
 
-        ambient = None if is_name(ambient) and str(ambient) == DARK else ambient
+        if is_name(ambient) and str(ambient) == DARK:
+            if sbr is not None:
+                raise PeriscopyError(f"sbr: ambient {DARK} has no SBR; leave one of them out")
+            ambient = None
         if (ambient is None) != (sbr is None):
             raise PeriscopyError("ambient light and an SBR go together; give both or neither")
         if any(map(is_name, image.values() if isinstance(image, Mapping) else [image])):
@@ -409,13 +415,14 @@ class Scenario(Geometry):
         photograph = None if photograph is None else self._checked(photograph)
         if noise is None and photograph is not None:
             noise = self.noise(photograph)
-        plan, conditions = self.plan(noise, name), photograph and photograph.conditions
+        plan = replace(self.plan(noise, name), made=None)
+        conditions = photograph and photograph.conditions
         A, B = np.asarray(channels_mean(self.transport(noise, name))), self.B
 
         def make() -> "StillMethod[Any]":
             uncertain, _ = self.uncertainty(name, errors)
             fitted = fit_method(name, self, A, B, photograph, uncertain, **settings)
-            fitted.name, fitted.plan = label_of(name), replace(plan, made=None)
+            fitted.name, fitted.plan = label_of(name), plan
             judgement.check_rank(self, fitted, None if photograph is None else photograph.pixels)
             return fitted
 

@@ -18,14 +18,14 @@ REALISTIC = (
 )  # fmt: skip
 """Ambient scenes in which no edge of direct sun crosses the field of view."""
 
-DARK = "none"
-"""Names the lack of ambient light."""
-
 ADVERSARIAL = ("stained_glass", "snow")
 """Ambient scenes made to break the model of ambient light, as in the paper's Fig. 5."""
 
 CONDITIONS = (*REALISTIC, *ADVERSARIAL)
 """All ambient scenes."""
+
+DARK = "none"
+"""Names the lack of ambient light."""
 
 
 def scenes_folder() -> Path:

@@ -172,7 +172,6 @@ class Search:
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
     # The ends beside the best, of other places of the image, each so many times as likely.
     rivals: list[tuple[Look, float]] = field(default_factory=list, init=False)
-    asides: list[tuple[Array, float]] = field(default_factory=list, init=False)
     _rows: tuple[list[Array], ...] = field(default_factory=lambda: ([], [], [], []), init=False)
 
     @property
@@ -276,11 +275,9 @@ class Search:
         """Return the first of the likeliest ends aside that is surely better, or the look.
 
         It compares two places by how well they predict pixels, because the image's prior depends
-        on what the border cuts off. Ends in other valleys that may be right become `rivals`; how
-        well the photographs tell all of them from the look becomes `asides`.
+        on what the border cuts off. Ends in other valleys that may be right become `rivals`.
         """
         self.rivals.clear()
-        self.asides.clear()
         T, error = look.temperature, None
         for directions in self._asides(look):
             candidates = [level.candidate(point) for point in directions]
@@ -293,7 +290,6 @@ class Search:
                 gain = (error - _prediction_error(level, end)) / SPREAD
                 if expit(gain) > SURE:
                     return end
-                self.asides.append((end.point - look.point, -gain))
                 if expit(gain) > UNLIKELY and _has_barrier(level, look, end):
                     self.rivals.append((end, float(np.exp(gain))))
         return look

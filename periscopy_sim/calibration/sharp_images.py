@@ -13,8 +13,8 @@ borders. Otherwise the objective favours places where part of the image lies bey
 noise-aware image ignores these edges, so the slope is up to 1.45 times too large where the image is
 bright at a border. ‖A⊥‖_F counts edges in units of their light on the wall: without it, the scene
 that needs the darkest image would be the best. V has σ √N/‖A⊥‖_F added, the radiance of one patch
-that the noise lets see: else a black image had a density without bound, and scenes that explain
-nothing would be the best.
+that is just visible above the noise. Without it a black image has an unbounded density, and scenes
+that explain nothing would be the best.
 """
 
 from __future__ import annotations

@@ -51,12 +51,10 @@ def _existing_images(value: Any) -> Any:
 
 
 def _existing_light(value: str | None) -> str | None:
-    """Return the name of a condition, or a photograph's file, that exists; None of no light."""
+    """Return the name of a condition, or a photograph's file, that exists, or of no light."""
     from periscopy_sim.shipped import find_condition, is_photograph
 
-    if value in (None, DARK):
-        return None
-    if not is_photograph(value):
+    if value not in (None, DARK) and not is_photograph(value):
         find_condition(str(value))
     return value
 
@@ -84,9 +82,8 @@ def option(
     `limits` are of its number, or those of its kind in `RANGES`, whose help serves where there are
     no words.
     """
-    words = (words or RANGES[kind].help).replace(
-        "[", r"\["
-    )  # rich takes a bracket for the start of a style
+    # Rich takes a bracket for the start of a style.
+    words = (words or RANGES[kind].help).replace("[", r"\[")
     more.setdefault("callback", _callback_of(form))
     if limits := RANGES[kind].ends if kind else limits:
         least, most = limits

@@ -18,7 +18,7 @@ from periscopy_sim.cli.output import (
 )
 from periscopy_sim.cli.session import Session
 from periscopy_sim.measurement import TARGET
-from periscopy_sim.shipped import CONDITIONS, find_condition
+from periscopy_sim.shipped import CONDITIONS, DARK, find_condition
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text, image_sha256, scene_sha256
 
@@ -51,8 +51,9 @@ def photograph(
     Its own error is at most a third of the noise of --snr (else of 60 dB); a line says if not.
     """
     options.require_suffix(out, ".exr", "the photograph")
-    if (ambient is None) != (sbr is None):
-        raise ps.PeriscopyError("--ambient and --sbr go together; give both or neither")
+    is_lit = ambient not in (None, DARK)
+    if is_lit != (sbr is not None):
+        raise ps.PeriscopyError("--sbr and light of --ambient go together; give both or neither")
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     most = most_bounces(bounces)
     if colours is not None and len(colours.matrix) != 3:
@@ -63,13 +64,13 @@ def photograph(
         "camera": session.sensor,
         "image": hidden.unwrapped(names), "hidden": hidden.sizes, "samples": samples,
         "bounces": bounces, "ambient": ambient,
-        "sbr": sbr, "snr": snr, "target": None if ambient is None else target,
+        "sbr": sbr, "snr": snr, "target": target if is_lit else None,
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with output_files(out) as (file,):
         session.check_shadows()
         picture = session.scenario.image(names)
-        if ambient is not None:
+        if is_lit and ambient is not None:
             session.ambient_light(ambient, target)
         with progress("rendering the photograph") as report:
             y = session.scenario.photograph(

@@ -125,6 +125,8 @@ class Session(options.OptionGroup):
         """Return the scenario whose light is computed by options, or whose A is of a file."""
         from periscopy_sim.storage.transport_matrix import read_record, read_transport
 
+        if matrix is not None and (light.samples or light.model):
+            raise ps.PeriscopyError("--transport: leave out --samples and --model, or the file")
         lit = replace(light.of(self.scenario), strata=strata)
         self.record["transport"] = matrix
         if matrix is not None:

@@ -30,7 +30,16 @@ from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.rendering.photograph import excess_of
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.shipped import ADVERSARIAL, DARK, REALISTIC, find_image, find_scene
+from periscopy_sim.shipped import (
+    ADVERSARIAL,
+    CONDITIONS,
+    DARK,
+    REALISTIC,
+    find_condition,
+    find_image,
+    find_scene,
+    is_photograph,
+)
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.places import place
 from periscopy_sim.storage.outputs.provenance import (
@@ -152,11 +161,9 @@ def sweep(
     }
     if "hidden" in axes:
         axes["hidden"] = ["{}x{}".format(*size_of(each)) for each in axes["hidden"]]
-    own = dict[str, Array]()
-    if isinstance(ambient, Mapping):
-        own = {name: scenario.ambient(each).photograph for name, each in ambient.items()}
-    lights = conditions_of(ambient) if not own else dict.fromkeys(own)
-    is_dark = DARK in lights
+    own = dict(ambient) if isinstance(ambient, Mapping) else {}
+    lights = dict.fromkeys(own) or conditions_of(ambient)
+    is_dark = DARK in lights and not own
     of = {name: f"vary {name}=" if name in axes else name for name in ("sbr", "snr")}
     if is_dark and ("sbr" in axes or sbr is not SBRS):
         raise PeriscopyError(f"{of['sbr']}: ambient {DARK} has no SBR; leave one of them out")
@@ -178,7 +185,10 @@ def sweep(
     shape = scenario.photograph_shape
     read = {n: read_photograph(file, shape, mask) for n, file in lights.items() if file}
     noted([line for each in read.values() for line in each.warnings])
-    measured = own | {name: each.values for name, each in read.items()}
+    seen = {n: scenario.ambient(each) for n, each in own.items() if is_photograph(each)}
+    noted([line for each in seen.values() for line in each.warnings])
+    measured = {name: each.photograph for name, each in seen.items()}
+    measured |= {name: each.values for name, each in read.items()}
     if is_dark:  # of an infinite SBR nothing is added
         flips, measured = False, {DARK: np.ones((*shape, 3))}
     light = scenario.light
@@ -208,7 +218,11 @@ def sweep(
             for name, pictures in shown.items()
         },
         "background": {
-            name: array_sha256(measured[place]) if place in measured else "rendered"
+            name: array_sha256(measured[place])
+            if place in measured
+            else scene_sha256(find_condition(own[place]))
+            if place in own
+            else "rendered"
             for place in lights
             for name in flipped_names(place, flips)
         },
@@ -217,7 +231,7 @@ def sweep(
     worlds = Worlds(
         scenario=scenario, shown=shown, flips=flips, methods=named,
         photographs={} if photograph is None else dict.fromkeys(shown, photograph),
-        ambient={name: measured.get(name) for name in lights},
+        ambient={name: measured.get(name, own.get(name, name)) for name in lights},
         noise=noise_to_signal(max(decibels), max(ratios)), conditions={"settings": settings},
         conditions_of=sources, mask=mask, monitor_off=off, calibrates=KNOWN in axes,
         out=None if out is None else place(out), command=command, progress=progress, noted=noted,
@@ -291,8 +305,7 @@ def conditions_of(entries: Iterable[str | Path]) -> dict[str, Path | None]:
     names = _names(entries, "ambient")
     if names == [DARK]:
         return {DARK: None}
-    shipped = *REALISTIC, *ADVERSARIAL
-    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL, **{name: [name] for name in shipped}}
+    groups = {"all": REALISTIC, "adversarial": ADVERSARIAL, **{name: [name] for name in CONDITIONS}}
     lights: dict[str, Path | None] = {}
     for entry in names:
         path = Path(entry)
@@ -303,7 +316,7 @@ def conditions_of(entries: Iterable[str | Path]) -> dict[str, Path | None]:
             guess = "" if entry in groups else did_you_mean(entry, groups)
             raise PeriscopyError(
                 f"ambient {entry}: {guess and f'{guess} '}write an EXR file, a folder of EXR "
-                f"files, all, adversarial, {', '.join(shipped)}, each once, or {DARK} alone"
+                f"files, all, adversarial, {', '.join(CONDITIONS)}, each once, or {DARK} alone"
             )
         lights |= added
     return lights

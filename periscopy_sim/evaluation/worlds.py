@@ -23,7 +23,7 @@ from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.numerics.limits import checked, number_of, size_of
 from periscopy_sim.numerics.machine import Stage, silent
-from periscopy_sim.numerics.validation import InputError, checked_number
+from periscopy_sim.numerics.validation import InputError, checked_number, is_name
 from periscopy_sim.numerics.words import WAYS
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.registry import Option
@@ -68,7 +68,7 @@ class Worlds:
     scenario: Scenario  # where no axis changes it
     shown: Mapping[str, Any]  # hidden images by name: pictures' names, see `Scenario.image`
     photographs: Mapping[str, Photograph]  # those given, by the same names; others are rendered
-    ambient: Mapping[str, Array | None]  # None: a shipped condition, which is path traced
+    ambient: Mapping[str, Any]  # arrays, or conditions by name, which are path traced
     flips: bool  # whether each ambient light is also flipped about each axis
     methods: Mapping[str, Name]  # by what the sweep calls them
     noise: float  # of the photographs, over the mean of the monitor's light, at its least
@@ -132,14 +132,14 @@ class Worlds:
 
     @property
     def traced(self) -> list[str]:
-        """Names of the ambient light that is path traced."""
-        return [name for name, light in self.ambient.items() if light is None]
+        """The conditions of ambient light that is path traced."""
+        return [str(light) for light in self.ambient.values() if is_name(light)]
 
     def _light(self, true: Scenario, name: str) -> Background:
         """Return ambient light on the wall, path traced unless it is given."""
         light = self.ambient[name]
-        if light is None:
-            return true.ambient(name, progress=self.progress)
+        if is_name(light):
+            return true.ambient(light, progress=self.progress)
         return Background(light, 0.0, 0.0)
 
     def signal(self, name: str, snr: float, values: Mapping[str, Any]) -> Photograph:

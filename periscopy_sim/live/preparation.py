@@ -119,10 +119,10 @@ class RunningAverage:
                 f"the light is {times:.3g} times what it was, and the average starts anew: fix "
                 "exposure and gain, and expose for whole periods of lamps that flicker"
             )
-        elif self.average is not None and (
-            change := change_beyond_noise(self._first, frame, self._mask & ~full)
-        ):
-            lines.append(f"the frames are averaged, though {differing(change)}")
+        elif count > 1 and self.average is not None:
+            change = change_beyond_noise(self.average, frame, self._mask & ~full)
+            if change:
+                lines.append(f"the frames are averaged, though {differing(change)}")
         if (full & self._mask).any():
             self._mask = self._mask & ~full
             fewer, every = self._mask.sum(), self._pixels.mask.sum()

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics.machine import available_memory
-from periscopy_sim.numerics.validation import InputError, checked_number
+from periscopy_sim.numerics.validation import InputError, checked_number, listed
 
 MOST_PIXELS = 1 << 27
 """Pixels of three colours that are decoded as a whole: a third more than the largest cameras' 102
@@ -81,9 +81,8 @@ def in_range(kind: str, *values: float) -> bool:
 
 def checked(name: str, values: Any, kind: str) -> list[float]:
     """Return `checked_number`s that a user gives, one or several, of a kind in `RANGES`."""
-    is_list, kin = isinstance(values, Iterable) and not isinstance(values, str), RANGES[kind]
-    each = values if is_list else [values]
-    return [checked_number(value, name, *kin.ends, whole=kin.whole) for value in each]
+    kin = RANGES[kind]
+    return [checked_number(each, name, *kin.ends, whole=kin.whole) for each in listed(values)]
 
 
 def number_of(text: str) -> float:

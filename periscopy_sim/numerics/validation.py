@@ -54,11 +54,11 @@ def checked_number(
     is_number = isinstance(number, Real) and not isinstance(number, bool)
     if not (is_number and least <= number <= most and (not whole or number == int(number))):
         ends = (("from", least, -FINITE), ("to", most, FINITE))
-        limits = "".join(f" {word} {end:g}" for word, end, none in ends if end != none)
+        limits = "".join(f" {word} {end:.10g}" for word, end, none in ends if end != none)
         kind = "whole " if whole else "finite " if most == FINITE else ""
         quotes = ", without quotes" if isinstance(value, str) else ""
-        told = name if name.endswith("=") else f"{name} "
-        raise InputError(f"{told}{number}: give a {kind}number{limits}{quotes}")
+        prefix = name if name.endswith("=") else f"{name} "
+        raise InputError(f"{prefix}{number}: give a {kind}number{limits}{quotes}")
     return int(number) if whole else float(number)
 
 
@@ -69,7 +69,8 @@ def is_name(value: Any) -> bool:
 
 def listed(values: Any) -> list[Any]:
     """Return the entries of a list; a name or a number alone is a list of one."""
-    return [values] if is_name(values) or not isinstance(values, Iterable) else [*values]
+    is_one = is_name(values) or getattr(values, "shape", None) == ()
+    return [values] if is_one or not isinstance(values, Iterable) else [*values]
 
 
 def checked_scene(scene: Any) -> None:

@@ -132,9 +132,10 @@ def rendering_of(
     if not any(each.any() for each in images.values()):
         raise InputError("the hidden image is black: no light reaches the wall; show another one")
     kinds = ("samples", samples, "camera samples"), ("bounces", bounces, "bounces")
-    for name, number, kind in (*kinds, ("seed", seed, "seed")):
+    for name, number, kind in kinds:
         if number is not None:
             checked(name, number, kind)
+    seed = int(checked_number(seed, "seed", 0, 2**32 - 1, whole=True))
     snr = checked_number(snr, "snr")  # it may be that of faint light beside ambient light
     report, target = rising(progress), allowed_error(snr)
     scene = scenario.scene

@@ -93,14 +93,14 @@ def sweep(
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)
     # A study's entries have become the other options' defaults.
-    of_study = [each.partition("=")[0] for each in (context.default_map or {}).get("vary", ())]
+    source = context.get_parameter_source("vary")
+    varies = f"{study}: vary" if source and source.name == "DEFAULT_MAP" else "--vary"
     sources = {name: context.get_parameter_source(name) for name in OPTIONS}
     names_of = {"DEFAULT": "", "DEFAULT_MAP": str(study)}
     given = {n: names_of.get(each.name, f"--{n}") for n, each in sources.items() if each}
     for name, by in {**dict.fromkeys(session.definitions, "-D"), **given}.items():
         if by and name in axes:
-            axis = f"{study}: vary" if name in of_study else "--vary"
-            raise ps.PeriscopyError(f"{axis} {name}: {by} gives {name}, too; give one of them")
+            raise ps.PeriscopyError(f"{varies} {name}: {by} gives {name}, too; give one of them")
     places = options.parse_list("--ambient", ambient)
     if places == [DARK] and given["sbr"]:
         raise ps.PeriscopyError(f"--sbr: --ambient {DARK} has no SBR; leave one of them out")
