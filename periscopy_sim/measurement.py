@@ -135,7 +135,7 @@ class Sensor:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            checked_number(value, f"{name} of the sensor")
+            checked_number(value, f"Sensor.{name}")
         well, frames = self.full_well, float(self.frames)
         valid = {
             "full_well": (0 < well < math.inf, "a positive number"),
@@ -146,7 +146,7 @@ class Sensor:
         }
         for name, (is_valid, advice) in valid.items():
             if not is_valid:
-                raise InputError(f"{name} of the sensor is {getattr(self, name)}: give {advice}")
+                raise InputError(f"Sensor.{name} {getattr(self, name)}: give {advice}")
 
     @property
     def top_code(self) -> int:

@@ -37,7 +37,7 @@ FLOORS = [
     {"figures", "evaluation", "dataset", "laboratory", "adapters", "deepinv"},
     {"scenario"},
     {"judgement"},
-    {"calibration", "methods", "memo"},
+    {"calibration", "methods", "memo", "light"},
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"model"},

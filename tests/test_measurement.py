@@ -69,7 +69,7 @@ def test_root_mean_square_of_bright_single_precision_does_not_overflow():
 
 @pytest.mark.parametrize("snr", [np.nan, np.inf, -np.inf])
 def test_snr_that_is_not_finite_is_refused(snr):
-    with pytest.raises(ValueError, match="snr is"):
+    with pytest.raises(ValueError, match="snr"):
         add_noise(photographs()[0], snr, 0)
 
 
@@ -210,7 +210,7 @@ def test_seed_alone_decides_an_exposure_and_the_photograph_is_kept():
 )
 def test_sensor_that_cannot_be_is_rejected_by_name(name, values):
     for value in values:
-        with pytest.raises(ValueError, match=rf"^{name} of the sensor is {value}: give "):
+        with pytest.raises(ValueError, match=rf"{name} {value}: give "):
             Sensor(**{"electrons": 100, name: value})
 
 

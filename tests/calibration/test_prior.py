@@ -93,7 +93,7 @@ def test_named_parameters_have_their_error_or_the_scenes(tmp_path: Path) -> None
         ({"dz": np.inf}, "dz"),
         ({"dx": np.nan}, "dx"),
         ({"dx": 0.0}, "dx"),
-        ("dx", "'d'"),  # a text for a list of names
+        ("dy", "dy"),  # one name alone
     ],
 )
 def test_errors_that_are_missing_or_not_positive_are_rejected(

@@ -6,6 +6,7 @@ from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
 from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.variant import mi
+from periscopy_sim.scenario import load_scenario
 from tests.scenes.lamps import scene_of
 
 GREY = '<bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>'
@@ -147,3 +148,9 @@ def test_a_wavefront_is_what_mitsuba_renders(room):
 def test_impossible_images_samples_and_bounces_are_refused(room, image, options):
     with pytest.raises(ValueError):
         render_photograph(room.load(), image, **{"samples": 1} | options)
+
+
+def test_a_seed_has_32_bits(jit: None) -> None:  # noqa: ARG001
+    """Sweeps draw such seeds: more than Mitsuba's commands count from are no error."""
+    scene = load_scenario("chair", (2, 3), {"resolution": "6"})
+    assert render_photograph(scene, np.ones((2, 3, 3)), snr=20, bounces=1, seed=2**32 - 1).any()
