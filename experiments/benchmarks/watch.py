@@ -74,8 +74,8 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
         arrivals.append(time.time() - progress.latency)
         session.gate.publish(taken=arrivals[-1])
 
-    def shown(*given: Any) -> None:
-        show(*given)
+    def shown(*given: Any, **named: Any) -> None:
+        show(*given, **named)
         latencies.append((arrivals[-1], 1000 * (time.time() - arrivals[-1])))
 
     with (
@@ -89,6 +89,8 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
         show, session.show = session.show, shown  # type: ignore[method-assign]
         with reader(session.gate.url):
             while session.shown < RATE * WARM_UP:
+                if session.fault is not None:
+                    raise session.fault
                 time.sleep(0.1)
             latencies.clear()
             begun, cpu, dropped = time.time(), process.cpu_times(), session.dropped
