@@ -180,7 +180,8 @@ class Scenario(Geometry):
             bounced = self.memo.get(key, render, self._bytes // 8, BouncedLight)
             return bounced.added_to(A, light.bounces)
 
-        key = "bounced", self.digest, self.seed, plan, light.strata, light.bounces
+        bare = replace(plan, made=None)
+        key = "bounced", self.digest, self.seed, bare, light.strata, light.bounces
         return self.memo.get(key, make, self._bytes)
 
     def transport_of(

@@ -319,7 +319,7 @@ class Worlds:
         return self._scenarios.get(key, make, 8 * base.view.points.nbytes)
 
     def place(self, values: Mapping[str, Any], of: str = "") -> str:
-        """Return what tells the true scene, or the ``assumed.`` one, from those of other values."""
+        """Return the name of the true scene, or of the ``assumed.`` one, at values of axes."""
         names = *self.scenario.document.defaults, *OF_SCENE
         own = {n: v for n, v in values.items() if n in names or (of and n.startswith(of))}
         if of and not _is_known(values):

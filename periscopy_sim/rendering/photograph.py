@@ -403,7 +403,7 @@ def _path_traced(
 ) -> tuple[Array, float]:
     """Return a photograph by Mitsuba's path tracer, of so many samples, or as the target asks.
 
-    Two renderings of half the samples each tell its error, which is returned beside it.
+    Its error, too: half the difference of two renderings of half the samples.
     """
     # Mitsuba's plain path tracer takes a null BSDF for opaque where it samples emitters.
     kind = "volpath" if scenario.scene.transparent else "path"
