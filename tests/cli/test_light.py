@@ -61,7 +61,8 @@ def test_what_the_matrix_lacks_is_named_once(succeeds, tmp_path):
 def test_matrix_of_another_pose_is_refused(refused, succeeds, tmp_path):
     succeeds("transport", "chair", *TINY, "-D", "occluder_dx=0.01", "--out", "A.npy")
     np.save(tmp_path / "y.npy", np.ones((24, 24)))
-    given = ("reconstruct", "y.npy", "--scene", "chair", *TINY, "--transport", "A.npy")
+    given = ("reconstruct", "y.npy", "--scene", "chair", *TINY[:4], "--transport", "A.npy")
+    assert "--samples" in refused(*given, "--samples", "4", "--out", "r")
     line = refused(*given, "--out", "r")
     assert line.startswith("A.npy: ") and "parameters.occluder_dx" in line and "0.01" in line
     (tmp_path / "A.json").write_text("{")
