@@ -278,10 +278,8 @@ class Search:
         on what the border cuts off. Ends in other valleys that may be right become `rivals`.
         """
         self.rivals.clear()
-        T, error = look.temperature, None
-        for directions in self._asides(look):
-            candidates = [level.candidate(point) for point in directions]
-            aside = min(candidates, key=lambda each: each.misfit_at(T))
+        T, asides, error = look.temperature, map(level.candidate, self._asides(look)), None
+        for aside in nsmallest(ASIDES, asides, key=lambda each: each.misfit_at(T)):
             if _is_scene(aside):
                 end = self._settled(level, level.look(aside, T), look.misfit_at(T))
                 if is_significant(end.penalty, len(look.point)):
@@ -294,25 +292,18 @@ class Search:
                     self.rivals.append((end, float(np.exp(gain))))
         return look
 
-    def _asides(self, look: Look) -> Iterator[list[Array]]:
-        """Yield points to which the scene follows images that are fixed a patch aside.
-
-        Those of one list move the image along one axis of a surface.
-        """
+    def _asides(self, look: Look) -> Iterator[Array]:
+        """Yield points to which the scene follows images that are fixed a patch aside."""
         for surface in self.fine.scene.scenario.hidden if self.large is not None else ():
-            for axis in np.eye(2, dtype=int):
-                points = []
-                for shift in (axis, -axis):
-                    try:
-                        held = self.coarse.holding(look, surface, tuple(shift.tolist()))
-                    except PhotographError:  # all that is bright has left the surface
-                        continue
-                    end = held.look(held.candidate(look.point))
-                    for T in held.photographs * np.array(COOLING[2:4]):
-                        end = descend(held, end, T)
-                    points.append(end.point)
-                if points:
-                    yield points
+            for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                try:
+                    held = self.coarse.holding(look, surface, shift)
+                except PhotographError:  # all that is bright has left the surface
+                    continue
+                end = held.look(held.candidate(look.point))
+                for T in held.photographs * np.array(COOLING[2:4]):
+                    end = descend(held, end, T)
+                yield end.point
 
     def _end(self, level: ResolutionLevel, start: Look) -> tuple[ResolutionLevel, Look]:
         """Return the end of a last descent, and its level; or its start if it stays hot.
