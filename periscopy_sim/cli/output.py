@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
 from tempfile import gettempdir
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 from rich.box import ROUNDED
 from rich.console import Console
@@ -110,9 +110,9 @@ def say(message: str, *, is_result: bool = False) -> None:
     is_silent = outcome().is_silent and not is_result
     for line in [] if is_silent else message.split("\n"):
         if outcome().as_json:
-            print(f"periscopy: {printable(line)}", file=sys.stderr, flush=True)
+            _complain(line)
         else:
-            print(printable(line), flush=True)
+            _put(line, sys.stdout)
 
 
 def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> None:
@@ -154,7 +154,17 @@ def warn(message: str, kind: str = "warning") -> None:
     """Print one line of a warning, or of an error, to standard error."""
     if kind == "warning":
         outcome().warnings.append(message)
-    print(f"periscopy: {kind}: {printable(message)}", file=sys.stderr, flush=True)
+    _complain(f"{kind}: {message}")
+
+
+def _complain(line: str) -> None:
+    _put(f"periscopy: {line}", sys.stderr)
+
+
+def _put(line: str, stream: TextIO) -> None:
+    """Print a line at once: `print` lets another thread's line between it and its end."""
+    stream.write(f"{printable(line)}\n")
+    stream.flush()
 
 
 def warn_defect(error: BaseException) -> None:
@@ -226,21 +236,21 @@ def progress(
     console, is_hidden = Console(stderr=True), bool(_AT_WORK) or outcome().quiet
     latest = clock()
     if not (is_hidden or console.is_terminal):
-        print(f"periscopy: {label}", file=sys.stderr, flush=True)
+        _complain(label)
 
     def update(done: float, total: float = 1.0) -> None:
         nonlocal latest
         if _INTERRUPTS:
             raise KeyboardInterrupt
-        text = printable(f"{label}: {done} of {total} {unit}" if unit else label)
-        bar.update(task, description=escape(text), completed=done, total=total or 1)
+        text = f"{label}: {done} of {total} {unit}" if unit else label
+        bar.update(task, description=escape(printable(text)), completed=done, total=total or 1)
         is_due = clock() - latest >= SILENCE and not outcome().quiet
         if is_due and not console.is_terminal:
             latest, state = clock(), bar.tasks[task]
             seconds = state.time_remaining  # without what a former run did
             text += f": {state.percentage:.0f} %"
             text += "" if seconds is None else f", {timedelta(seconds=seconds)} left"
-            print(f"periscopy: {text}", file=sys.stderr, flush=True)
+            _complain(text)
 
     columns = *Progress.get_default_columns(), TimeElapsedColumn()
     _AT_WORK.append(label)

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
-from threading import RLock
+from threading import Lock, RLock
 from typing import Any
 
 import numpy as np
@@ -86,7 +86,8 @@ class WatchSession(LiveSession):
     ) -> None:
         self._source, self._scenario = source, scenario
         self._companions, self.count = companions or Companions(), count
-        self._say, self._said, self._record = say, dict[str, float](), record
+        self._say, self._said, self._saying = say, dict[str, float](), Lock()
+        self._record = record
         self.verdict: Report | None = None
         self._read = Latest[CameraFrame | PhotographError]()
         self.fault: Exception | None = None
@@ -181,9 +182,10 @@ class WatchSession(LiveSession):
     def _print(self, *lines: str) -> None:
         for line in lines:
             kind, now = re.sub(r"[\d.]", "", line.rpartition(": ")[2]), time.monotonic()
-            if now > self._said.get(kind, -np.inf) + REPEATS:
-                self._say(line)
-            self._said[kind] = now
+            with self._saying:
+                if now > self._said.get(kind, -np.inf) + REPEATS:
+                    self._say(line)
+                self._said[kind] = now
 
     def _status(self) -> dict[str, list[str]]:
         """Return the numbers, the verdict and what has just happened, for the page."""

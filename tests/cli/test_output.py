@@ -1,4 +1,6 @@
 import json
+import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
@@ -156,6 +158,32 @@ def test_warnings_of_threads_are_in_the_json(capfd):
         thread.start()
         thread.join()
     assert json.loads(capfd.readouterr().out)["warnings"] == ["the stream ended"]
+
+
+class Unhurried(list):
+    """A stream that lets other threads run after each piece of text."""
+
+    def write(self, text):
+        self.append(text)
+        time.sleep(0.01)
+
+    def flush(self):
+        pass
+
+
+@pytest.mark.parametrize(("put", "stream"), [(say, "stdout"), (warn, "stderr")])
+def test_lines_of_threads_do_not_mix(put, stream, monkeypatch):
+    pieces = Unhurried()
+    monkeypatch.setattr(sys, stream, pieces)
+    threads = [Thread(target=put, args=(f"frame {number}",)) for number in range(4)]
+    with outcome_of(quiet=False, as_json=False):
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert sorted(line[-7:] for line in "".join(pieces).splitlines()) == [
+        f"frame {number}" for number in range(4)
+    ]
 
 
 def test_files_that_were_written_before_an_error_are_named(capfd):
