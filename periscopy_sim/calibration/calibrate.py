@@ -134,7 +134,8 @@ def _calibrated(
 ) -> Calibration:
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     fine, names = problem.fine(), problem.names
-    search = Search(problem.coarse(), problem.large(), fine, seed, progress)
+    whole = problem.joint()
+    search = Search(problem.coarse(), problem.large(), fine, whole, seed, progress)
     level, end = search.best(search.starts())
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))
@@ -144,11 +145,10 @@ def _calibrated(
     whole_odds = 1 + sum(odds for _, odds in rivals)
     values = fine.values(best.point)
     # The errors are those of all numbers together, also of the uncertain ones, at the search's end.
-    whole = problem.joint()
     point = np.concatenate([fine.values(end.point), whole.centers[len(names) :], gain])
     whole = whole.with_misfit(whole.candidate(point))
     joint = whole.look(whole.candidate(point), κ)
-    statistical, total, correlation, moves = standard_errors(problem, joint)
+    statistical, total, correlation, moves = standard_errors(problem, joint, sum(search.spread))
     colours = colour_matrix(problem, end, joint) if problem.pictures else (None, None)
     known = determined_count(joint, len(names))
     if not moved:  # what the photograph says is of the discarded end

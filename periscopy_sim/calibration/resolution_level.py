@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from periscopy_sim.calibration.correlated_noise import CorrelatedNoise
 from periscopy_sim.calibration.evidence import Explanation, SmoothImages
@@ -150,34 +148,11 @@ class ResolutionLevel:
 
     def with_edges(self, candidate: Candidate) -> ResolutionLevel:
         """Return a level whose image prior uses the edges of the estimated images."""
-        return self._with_images(candidate, partial(SmoothImages.like, self.scene.scenario.hidden))
-
-    def holding(
-        self, candidate: Candidate, surface: str, shift: tuple[int, int]
-    ) -> ResolutionLevel:
-        """Return a level on which the estimated images are known, but for their colours.
-
-        The image of one hidden surface is shifted by whole patches, (down, right), and is black
-        beyond the border. A black image raises a PhotographError.
-        """
-        hidden = self.scene.scenario.hidden
-
-        def known(f: Array) -> SmoothImages:
-            images = hidden.split(f)
-            moved = ndimage.shift(images[surface], (*shift, 0), order=0, mode="grid-constant")
-            return SmoothImages.shown(hidden.join({**images, surface: moved}))
-
-        return self._with_images(candidate, known)
-
-    def _with_images(
-        self, candidate: Candidate, prior: Callable[[Array], SmoothImages]
-    ) -> ResolutionLevel:
-        """Return a level with a prior that depends on each unknown image, (N, C), as estimated."""
-        groups = []
+        groups, hidden = [], self.scene.scenario.hidden
         for group, explained in zip(self.groups, candidate.explanations, strict=True):
             if isinstance(explained, SharpExplanation):
                 each = zip(group.light, explained.images, strict=True)
-                groups += [Group(y[None], prior(f)) for y, f in each]
+                groups += [Group(y[None], SmoothImages.like(hidden, f)) for y, f in each]
             else:
                 groups.append(group)
         return replace(self, groups=tuple(groups))

@@ -7,10 +7,12 @@ and from the measured values, descents lead to the valleys' bottoms. A descent
 begins where the evidence counts for little, so that only what the photographs show beyond doubt
 leaves the prior, and goes on as it counts for more and more (a homotopy: Blake and Zisserman,
 Visual Reconstruction, 1987). Fine descents follow from all ends, whose images are nonnegative and
-have few edges; soon only two go on, then the better one, until it gains little. It hops where its
-image lies a patch aside, as long as the photographs show that it belongs there. It is not at the
-bottom, because the likeliest image of few edges goes with a biased scene. A last descent integrates
-over all images that have its edges. This descent counts if it cools to 1.
+have few edges; soon only two go on, then the better one, until it gains little. An image and a
+scene that move together send the wall nearly the same light, so the search hops to places aside as
+long as the photographs show that the image belongs there; those that remain likely widen the
+errors. The end is not at the bottom, because the likeliest image of few edges goes with a biased
+scene. A last descent integrates over all images that have its edges. This descent counts if it
+cools to 1.
 """
 
 from __future__ import annotations
@@ -28,14 +30,14 @@ from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.prior import FARTHEST
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
 from periscopy_sim.calibration.trust import is_significant
-from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of the coarse descent from the prior's centre, a photograph: from 30 on, the real
 chair loses 1.7 dB."""
 
-HOTTEST = 128.0
+
+HOTTEST = 16.0
 """Temperature, a photograph, from which fine descents and the last ones halve it."""
 
 STEPS, TRIALS = 2, 4
@@ -78,6 +80,10 @@ ASIDES, SPREAD = 2, 10.0
 """Number of places a patch aside that the search tries, those of least misfit; and the difference
 of prediction errors at which one place is e times as likely as another. A spread of 8.1 fits 61
 pairs of places best, in 40 photographs by plain Mitsuba; of 25 close pairs 21 are in order."""
+
+SHIFTS, ROUGH = (0.5, 1.0, 2.0, 4.0, 8.0), 100.0
+"""Patches by which images are tried aside; and by how much the objective may rise there: along a
+valley each place where edges meet the borders of patches is a bottom."""
 
 SURE, UNLIKELY = 0.8, 0.05
 """Probabilities of a place aside: the search moves above the first, and reports a rival above the
@@ -168,10 +174,13 @@ class Search:
     coarse: ResolutionLevel
     large: ResolutionLevel | None  # of unknown images
     fine: ResolutionLevel
+    joint: ResolutionLevel  # on which unknown images have a place
     seed: int
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
     # The ends beside the best, of other places of the image, each so many times as likely.
     rivals: list[tuple[Look, float]] = field(default_factory=list, init=False)
+    # Second moments about the best, (P, P), of scenes that its image aside may belong to.
+    spread: list[Array] = field(default_factory=list, init=False)
     _rows: tuple[list[Array], ...] = field(default_factory=lambda: ([], [], [], []), init=False)
 
     @property
@@ -261,12 +270,7 @@ class Search:
         return look
 
     def _hopped(self, level: ResolutionLevel, look: Look) -> Look:
-        """Return the best look that images a patch aside lead to.
-
-        An image and a scene that move together send the wall nearly the same light, but valleys of
-        the evidence are a patch apart. So the image is fixed a patch aside while the scene follows,
-        and is then estimated again.
-        """
+        """Return the best look that images aside lead to."""
         while (better := self._better_aside(level, look)) is not look:
             look = better
         return look
@@ -278,8 +282,10 @@ class Search:
         on what the border cuts off. Ends in other valleys that may be right become `rivals`.
         """
         self.rivals.clear()
-        T, asides, error = look.temperature, map(level.candidate, self._asides(look)), None
-        for aside in nsmallest(ASIDES, asides, key=lambda each: each.misfit_at(T)):
+        lines, T, error = [*self._asides(level, look)], look.temperature, None
+        self.spread[:] = [self._moments(look, line) for line in lines]
+        asides = (aside for line in lines for aside, _ in line)
+        for aside in nsmallest(ASIDES, asides, key=lambda each: each.objective_at(T)):
             if _is_scene(aside):
                 end = self._settled(level, level.look(aside, T), look.misfit_at(T))
                 if is_significant(end.penalty, len(look.point)):
@@ -292,18 +298,59 @@ class Search:
                     self.rivals.append((end, float(np.exp(gain))))
         return look
 
-    def _asides(self, look: Look) -> Iterator[Array]:
-        """Yield points to which the scene follows images that are fixed a patch aside."""
-        for surface in self.fine.scene.scenario.hidden if self.large is not None else ():
-            for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-                try:
-                    held = self.coarse.holding(look, surface, shift)
-                except PhotographError:  # all that is bright has left the surface
-                    continue
-                end = held.look(held.candidate(look.point))
-                for T in held.photographs * np.array(COOLING[2:4]):
-                    end = descend(held, end, T)
-                yield end.point
+    def _moments(self, look: Look, asides: Sequence[tuple[Candidate, float]]) -> Array:
+        """Return second moments about a look, (P, P), of the scenes aside on one line.
+
+        The objective, cooled by `SPREAD`, tells how likely each is, and it stands for the patches
+        between it and the next one.
+        """
+        weights, moments = [SHIFTS[0]], np.zeros((len(self.fine.centers),) * 2)
+        for aside, patches in asides:
+            rise = aside.objective_at(look.temperature) - look.objective
+            weights.append(patches * float(np.exp(-rise / SPREAD)))
+            step = self.fine.values(aside.point - look.point)
+            moments += weights[-1] * np.outer(step, step)
+        return moments / sum(weights)
+
+    def _asides(
+        self, level: ResolutionLevel, look: Look
+    ) -> Iterator[list[tuple[Candidate, float]]]:
+        """Yield scenes whose images lie aside, a list along each of a surface's sides.
+
+        They explain about as much; with each is by how many patches. A list ends where two in
+        succession explain less.
+        """
+        for direction in self._follows(look):
+            asides = []
+            for side in 1, -1:
+                was_rough = False
+                for shift in SHIFTS:
+                    aside = level.candidate(look.point + side * shift * direction)
+                    is_rough = aside.objective_at(look.temperature) > look.objective + ROUGH
+                    if is_rough and was_rough:
+                        break
+                    if not is_rough:
+                        asides.append((aside, shift))
+                    was_rough = is_rough
+            yield asides
+
+    def _follows(self, look: Look) -> Iterator[Array]:
+        """Yield how a point moves with an image, by a patch across and up each hidden surface.
+
+        It is the regression on the image's place, smooth images and their places integrated.
+        """
+        joint, first, last = self.joint, len(self.fine.centers), len(self.joint.scene.names)
+        places = range(first, first + len(joint.centers) - last)
+        if not places:  # a picture is known
+            return
+        stays = np.delete(np.arange(len(joint.center)), np.s_[first:last])  # not uncertain numbers
+        point = joint.center
+        point[stays] = np.insert(look.point, [first] * len(places), 0.0)
+        joint = joint.with_misfit(joint.candidate(point))
+        curvature = joint.look(joint.candidate(point), look.temperature).curvature()
+        covariance = np.linalg.inv(curvature[np.ix_(stays, stays)])
+        for place in places:
+            yield np.delete(covariance[place] / covariance[place, place], places)
 
     def _end(self, level: ResolutionLevel, start: Look) -> tuple[ResolutionLevel, Look]:
         """Return the end of a last descent, and its level; or its start if it stays hot.

@@ -20,20 +20,23 @@ MISFIT = 0.4
 more, and their images were worse by 10 dB."""
 
 
-def standard_errors(problem: CalibrationProblem, joint: Look) -> tuple[Array, Array, Array, Array]:
+def standard_errors(
+    problem: CalibrationProblem, joint: Look, spread: Array | float = 0.0
+) -> tuple[Array, Array, Array, Array]:
     """Return standard errors from a look at P parameters, U uncertain ones and the gain.
 
     They are those in a scene that is otherwise right, (P,), and with the uncertain parameters,
     (P,), none above that of the measured value; the correlation of the latter, (P, P); and the
     `moves` of `Calibration`, (P, U).
 
-    The covariance is that of the linear theory, (I_θθ + Λ)⁻¹, tempered. Were an uncertain parameter
-    p wrong by δ, the photographs would be explained best elsewhere, by −(I_θθ + Λ)⁻¹ I_θp δ.
+    The covariance is that of the linear theory, (I_θθ + Λ)⁻¹, tempered, and the `spread`, (P, P),
+    of scenes that it does not reach. Were an uncertain parameter p wrong by δ, the photographs
+    would be explained best elsewhere, by −(I_θθ + Λ)⁻¹ I_θp δ.
     """
     count, limit = len(problem.names), problem.errors
     whole, every = _deviations(problem, joint)
     moves = np.clip(every[:count], -limit[:, None], limit[:, None])
-    alone = whole[:count, :count]
+    alone = whole[:count, :count] + spread
     covariance = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(covariance))
     statistical = np.minimum(np.sqrt(np.diag(alone)), limit)
