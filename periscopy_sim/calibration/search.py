@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
+from itertools import chain
 
 import numpy as np
 from scipy import special
@@ -81,13 +82,11 @@ ASIDES, SPREAD = 2, 10.0
 of prediction errors at which one place is e times as likely as another. A spread of 8.1 fits 61
 pairs of places best, in 40 photographs by plain Mitsuba; of 25 close pairs 21 are in order."""
 
-SHIFTS, ROUGH = (0.5, 1.0, 2.0, 4.0, 8.0), 100.0
-"""Patches by which images are tried aside; and by how much the objective may rise there: along a
-valley each place where edges meet the borders of patches is a bottom."""
+SHIFTS, FAINT = (0.5, 1.0, 2.0, 4.0, 8.0), 5.0
+"""Patches by which images are tried aside; and −log of the odds below which none is likely."""
 
-SURE, UNLIKELY = 0.8, 0.05
-"""Probabilities of a place aside: the search moves above the first, and reports a rival above the
-second. Both are chosen."""
+UNLIKELY = 0.05
+"""Probability of a place aside above which it is a rival; chosen."""
 
 SHARES = 0.03, 0.24, 0.67, 0.03
 """Fractions of the time that draws, coarse and large, fine and last descents take (chair, 63 x 63
@@ -162,6 +161,19 @@ def _step(level: ResolutionLevel, look: Look, curvature: Array) -> Array:
             alone[k] += step[k]
             free[k] = level.scene.is_physical(level.values(alone))
     return step
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A scene, the error with which it predicts pixels, tempered, and the prior's penalty."""
+
+    scene: Candidate
+    error: float
+    patches: float  # by which its image lies aside
+
+    def against(self, other: Place) -> float:
+        """Return the logarithm of another place's odds."""
+        return (self.error - other.error) / SPREAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,88 +265,89 @@ class Search:
         self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
         return self._end(level, best)
 
-    def _settled(self, level: ResolutionLevel, look: Look, goal: float | None = None) -> Look:
+    def _settled(self, level: ResolutionLevel, look: Look) -> Look:
         """Return where a descent ends that goes on until it gains little.
 
         Edges stay in an image until the scene has moved far enough, so the descent takes ten and
-        more steps of equal length. It ends early if rounds that gain as much as the last one would
-        not reach the misfit `goal`.
+        more steps of equal length.
         """
-        for remaining in reversed(range(ROUNDS)):
+        for _ in range(ROUNDS):
             before, look = look, self._cooled(level, 2, look, look.temperature)
-            gain = before.objective - look.objective
-            if gain < LEAST_GAIN:
-                break
-            if goal is not None and look.misfit_at(look.temperature) - remaining * gain > goal:
+            if before.objective - look.objective < LEAST_GAIN:
                 break
         return look
 
     def _hopped(self, level: ResolutionLevel, look: Look) -> Look:
-        """Return the best look that images aside lead to."""
-        while (better := self._better_aside(level, look)) is not look:
-            look = better
-        return look
+        """Return the likeliest look that images aside lead to.
 
-    def _better_aside(self, level: ResolutionLevel, look: Look) -> Look:
-        """Return the first of the likeliest ends aside that is surely better, or the look.
-
-        It compares two places by how well they predict pixels, because the image's prior depends
-        on what the border cuts off. Ends in other valleys that may be right become `rivals`.
+        Others that may be right widen the errors; of these, those in other valleys become `rivals`.
         """
-        self.rivals.clear()
-        lines, T, error = [*self._asides(level, look)], look.temperature, None
-        self.spread[:] = [self._moments(look, line) for line in lines]
-        asides = (aside for line in lines for aside, _ in line)
-        for aside in nsmallest(ASIDES, asides, key=lambda each: each.objective_at(T)):
-            if _is_scene(aside):
-                end = self._settled(level, level.look(aside, T), look.misfit_at(T))
-                if is_significant(end.penalty, len(look.point)):
-                    continue
-                error = _prediction_error(level, look) if error is None else error
-                gain = (error - _prediction_error(level, end)) / SPREAD
-                if expit(gain) > SURE:
-                    return end
-                if expit(gain) > UNLIKELY and _has_barrier(level, look, end):
-                    self.rivals.append((end, float(np.exp(gain))))
-        return look
+        T, here = look.temperature, self._place(level, look, look.temperature)
+        while True:
+            lines = [*self._asides(level, here, T)]
+            asides = sorted(chain(*lines), key=lambda each: each.error)
+            if not asides or here.against(asides[0]) < 1:
+                break
+            here = self._ended(level, asides[0], T)
+        self.spread[:] = [self._moments(here, line) for line in lines]
+        for aside in asides[:ASIDES]:
+            if expit(here.against(aside)) > UNLIKELY and self._has_barrier(level, here, aside, T):
+                rival = level.look(aside.scene, T)
+                self.rivals.append((rival, float(np.exp(here.against(aside)))))
+        return level.look(here.scene, T)
 
-    def _moments(self, look: Look, asides: Sequence[tuple[Candidate, float]]) -> Array:
-        """Return second moments about a look, (P, P), of the scenes aside on one line.
+    def _has_barrier(self, level: ResolutionLevel, one: Place, other: Place, T: float) -> bool:
+        """Return whether the scene between two places is less likely than either."""
+        middle = level.candidate((one.scene.point + other.scene.point) / 2)
+        between = self._place(level, middle, T)
+        return max(one.against(between), other.against(between)) < -1
 
-        The objective, cooled by `SPREAD`, tells how likely each is, and it stands for the patches
-        between it and the next one.
+    def _ended(self, level: ResolutionLevel, aside: Place, T: float) -> Place:
+        """Return a place or, if that is likelier, where a descent from it ends."""
+        end = self._settled(level, level.look(aside.scene, T))
+        return min(aside, self._place(level, end, T), key=lambda each: each.error)
+
+    def _moments(self, here: Place, asides: Sequence[Place]) -> Array:
+        """Return second moments about a place, (P, P), of those aside on one line.
+
+        Each stands for the patches between it and the next one.
         """
         weights, moments = [SHIFTS[0]], np.zeros((len(self.fine.centers),) * 2)
-        for aside, patches in asides:
-            rise = aside.objective_at(look.temperature) - look.objective
-            weights.append(patches * float(np.exp(-rise / SPREAD)))
-            step = self.fine.values(aside.point - look.point)
+        for aside in asides:
+            weights.append(aside.patches * float(np.exp(here.against(aside))))
+            step = self.fine.values(aside.scene.point - here.scene.point)
             moments += weights[-1] * np.outer(step, step)
-        return moments / sum(weights)
+        return np.asarray(moments / sum(weights))
 
-    def _asides(
-        self, level: ResolutionLevel, look: Look
-    ) -> Iterator[list[tuple[Candidate, float]]]:
-        """Yield scenes whose images lie aside, a list along each of a surface's sides.
-
-        They explain about as much; with each is by how many patches. A list ends where two in
-        succession explain less.
-        """
-        for direction in self._follows(look):
+    def _asides(self, level: ResolutionLevel, here: Place, T: float) -> Iterator[list[Place]]:
+        """Yield likely places whose images lie aside, a list along each of a surface's sides."""
+        for direction in self._follows(here.scene.point, T):
             asides = []
             for side in 1, -1:
-                was_rough = False
                 for shift in SHIFTS:
-                    aside = level.candidate(look.point + side * shift * direction)
-                    is_rough = aside.objective_at(look.temperature) > look.objective + ROUGH
-                    if is_rough and was_rough:
+                    scene = level.candidate(here.scene.point + side * shift * direction)
+                    aside = self._place(level, scene, T, shift)
+                    if here.against(aside) < -FAINT:
                         break
-                    if not is_rough:
-                        asides.append((aside, shift))
-                    was_rough = is_rough
+                    asides.append(aside)
             yield asides
 
-    def _follows(self, look: Look) -> Iterator[Array]:
+    def _place(
+        self, level: ResolutionLevel, scene: Candidate, T: float, patches: float = 0.0
+    ) -> Place:
+        """Return a scene as a place of the image; the prior forbids some.
+
+        Places are compared by how well they predict pixels, because the prior of images of few
+        edges depends on what the border cuts off, and on the gain.
+        """
+        if not _is_scene(scene) or is_significant(scene.penalty, len(scene.point)):
+            return Place(scene, np.inf, patches)
+        edged = level.with_edges(scene).candidate(scene.point)
+        smooth = (each for each in edged.explanations if isinstance(each, SmoothExplanation))
+        error = sum(each.prediction_error for each in smooth) / T + scene.penalty
+        return Place(scene, error, patches)
+
+    def _follows(self, point: Array, T: float) -> Iterator[Array]:
         """Yield how a point moves with an image, by a patch across and up each hidden surface.
 
         It is the regression on the image's place, smooth images and their places integrated.
@@ -344,10 +357,10 @@ class Search:
         if not places:  # a picture is known
             return
         stays = np.delete(np.arange(len(joint.center)), np.s_[first:last])  # not uncertain numbers
-        point = joint.center
-        point[stays] = np.insert(look.point, [first] * len(places), 0.0)
-        joint = joint.with_misfit(joint.candidate(point))
-        curvature = joint.look(joint.candidate(point), look.temperature).curvature()
+        whole = joint.center
+        whole[stays] = np.insert(point, [first] * len(places), 0.0)
+        joint = joint.with_misfit(joint.candidate(whole))
+        curvature = joint.look(joint.candidate(whole), T).curvature()
         covariance = np.linalg.inv(curvature[np.ix_(stays, stays)])
         for place in places:
             yield np.delete(covariance[place] / covariance[place, place], places)
@@ -407,19 +420,6 @@ def _with_misfit(
     """Return the level whose noise is like the residual of the first look, and the looks there."""
     level = level.with_misfit(looks[0])
     return level, [level.look(level.candidate(x.point), x.temperature) for x in looks]
-
-
-def _prediction_error(level: ResolutionLevel, look: Look) -> float:
-    """Return the tempered error with which a look predicts pixels, and its penalty."""
-    edged = level.with_edges(look).candidate(look.point)
-    smooth = (each for each in edged.explanations if isinstance(each, SmoothExplanation))
-    return sum(each.prediction_error for each in smooth) / look.temperature + look.penalty
-
-
-def _has_barrier(level: ResolutionLevel, one: Look, other: Look) -> bool:
-    """Return whether the objective has a barrier between two ends."""
-    between = level.candidate((one.point + other.point) / 2).objective_at(one.temperature)
-    return is_significant(between - max(one.objective, other.objective), 2)
 
 
 def _ranked(looks: list[Look]) -> list[Look]:

@@ -160,7 +160,6 @@ def say_rivals(
     result: "ps.Calibration", scenes: Sequence[Path], units: Mapping[str, str], picture: Path
 ) -> None:
     """Print how likely each place of the image is, and which number differs most there."""
-    from periscopy_sim.calibration.search import SURE
 
     def about(probability: float) -> str:  # which is no better known
         return f"about {10 * max(round(10 * probability), 1)} %"
@@ -172,7 +171,7 @@ def say_rivals(
         name = max(result.parameters, key=lambda p: abs(moves[p.name]) / p.ruler_error).name
         moved = f"{name} {moves[name]:+.2g} {units.get(name, '')}".rstrip()
         shares.append(f"{scene} ({about(rival.probability)}; {moved})")
-    output.say(sentence("rivals", scenes=", ".join(shares), least=100 * SURE, picture=picture))
+    output.say(sentence("rivals", scenes=", ".join(shares), picture=picture))
 
 
 def _distrust(result: str, doubts: Sequence[str]) -> str:

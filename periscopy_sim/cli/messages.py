@@ -52,10 +52,7 @@ SENTENCES = {
     "rival": "The calibration is trusted, but the image may lie elsewhere ({count} other scenes).",
     "distrusted": "Do not trust this {what}.",
     "silhouette": "The silhouette is trusted: {with_it} % unexplained, {without} % without it.",
-    "rivals": (
-        "the image may lie a patch aside: {scenes}. calibrate moves it above {least:.0f} % only; "
-        "compare the images in {picture}"
-    ),
+    "rivals": ("the image may lie elsewhere: {scenes}; compare the images in {picture}"),
     "any_place": (
         "the numbers and the image may be displaced together by whole patches: only a known "
         "picture (--shown) fixes the place"

@@ -3,12 +3,14 @@ from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
+from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.resolution_level import Candidate, Look
 from periscopy_sim.calibration.search import Search, descend
 from tests.scenes.calibration import TRUTH, Small
@@ -42,7 +44,7 @@ class Valleys:
     def candidate(self, point: Any) -> Candidate:
         self.asked += 1
         cost = min(self.bend * (point[0] - place) ** 2 - depth for place, depth in self.valleys)
-        explained: Any = SimpleNamespace(cost=cost, freedom=1, noise=np.ones(1))
+        explained = Mock(spec=SmoothExplanation, cost=cost, prediction_error=cost)
         return Candidate(point, (explained,) if point[0] >= -2 else (), float(point[0] ** 2))
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
@@ -119,7 +121,7 @@ class Placed(Valleys):
     centers, center = np.zeros(2), np.zeros(2)
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
-        told = np.array([[1.0, -1.0], [-1.0, 1.0]]) * 1e6
+        told = 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         shared = candidate.point, candidate.explanations, candidate.penalty
         return Look(*shared, np.zeros(2), np.zeros(2), told, np.ones(2), temperature)
 
@@ -129,7 +131,7 @@ def test_places_of_the_image_that_are_as_likely_widen_the_errors(
     deeper: float, variance: float
 ) -> None:
     """The patch between a place and the next counts as half for each: 1 / (1/2 + 1)."""
-    level: Any = Valleys([0.0, 1.0], bend=200.0, depth=deeper)
+    level: Any = Valleys([0.0, 1.0], bend=100.0, depth=deeper)
     search = Search(level, None, level, Placed([0.0]), 0)  # type: ignore[arg-type]
     search.best([level.candidate(np.zeros(1))])
     assert search.spread[0] == pytest.approx(variance, abs=0.1)
