@@ -165,15 +165,15 @@ def _step(level: ResolutionLevel, look: Look, curvature: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A scene, the error with which it predicts pixels, tempered, and the prior's penalty."""
+    """A scene whose image lies so many patches aside, and how unlikely it is."""
 
     scene: Candidate
-    error: float
-    patches: float  # by which its image lies aside
+    surprise: float  # −log of the probability, but for a constant
+    patches: float
 
     def against(self, other: Place) -> float:
         """Return the logarithm of another place's odds."""
-        return (self.error - other.error) / SPREAD
+        return self.surprise - other.surprise
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +285,7 @@ class Search:
         T, here = look.temperature, self._place(level, look, look.temperature)
         while True:
             lines = [*self._asides(level, here, T)]
-            asides = sorted(chain(*lines), key=lambda each: each.error)
+            asides = sorted(chain(*lines), key=lambda each: each.surprise)
             if not asides or here.against(asides[0]) < 1:
                 break
             here = self._ended(level, asides[0], T)
@@ -305,7 +305,7 @@ class Search:
     def _ended(self, level: ResolutionLevel, aside: Place, T: float) -> Place:
         """Return a place or, if that is likelier, where a descent from it ends."""
         end = self._settled(level, level.look(aside.scene, T))
-        return min(aside, self._place(level, end, T), key=lambda each: each.error)
+        return min(aside, self._place(level, end, T), key=lambda each: each.surprise)
 
     def _moments(self, here: Place, asides: Sequence[Place]) -> Array:
         """Return second moments about a place, (P, P), of those aside on one line.
@@ -335,17 +335,17 @@ class Search:
     def _place(
         self, level: ResolutionLevel, scene: Candidate, T: float, patches: float = 0.0
     ) -> Place:
-        """Return a scene as a place of the image; the prior forbids some.
+        """Return a scene as a place of the image.
 
-        Places are compared by how well they predict pixels, because the prior of images of few
-        edges depends on what the border cuts off, and on the gain.
+        It is the likelier, the better it predicts pixels: the prior of images of few edges depends
+        on what the border cuts off, and on the gain.
         """
-        if not _is_scene(scene) or is_significant(scene.penalty, len(scene.point)):
+        if not _is_scene(scene):
             return Place(scene, np.inf, patches)
         edged = level.with_edges(scene).candidate(scene.point)
         smooth = (each for each in edged.explanations if isinstance(each, SmoothExplanation))
-        error = sum(each.prediction_error for each in smooth) / T + scene.penalty
-        return Place(scene, error, patches)
+        error = sum(each.prediction_error for each in smooth)
+        return Place(scene, error / T / SPREAD + scene.penalty / 2, patches)
 
     def _follows(self, point: Array, T: float) -> Iterator[Array]:
         """Yield how a point moves with an image, by a patch across and up each hidden surface.
