@@ -320,16 +320,23 @@ class Search:
         return np.asarray(moments / sum(weights))
 
     def _asides(self, level: ResolutionLevel, here: Place, T: float) -> Iterator[list[Place]]:
-        """Yield likely places whose images lie aside, a list along each of a surface's sides."""
+        """Yield likely places whose images lie aside, a list along each of a surface's sides.
+
+        A side ends where two in succession are unlikely: half a patch aside of a right place most
+        are.
+        """
         for direction in self._follows(here.scene.point, T):
             asides = []
             for side in 1, -1:
+                is_likely = True
                 for shift in SHIFTS:
                     scene = level.candidate(here.scene.point + side * shift * direction)
                     aside = self._place(level, scene, T, shift)
-                    if here.against(aside) < -FAINT:
+                    before, is_likely = is_likely, here.against(aside) > -FAINT
+                    if is_likely:
+                        asides.append(aside)
+                    elif not before:
                         break
-                    asides.append(aside)
             yield asides
 
     def _place(

@@ -126,11 +126,11 @@ class Placed(Valleys):
         return Look(*shared, np.zeros(2), np.zeros(2), told, np.ones(2), temperature)
 
 
-@pytest.mark.parametrize(("deeper", "variance"), [(0.0, 2 / 3), (-60.0, 0.0)])
+@pytest.mark.parametrize(("deeper", "variance"), [(0.0, 0.55), (-60.0, 0.0)])
 def test_places_of_the_image_that_are_as_likely_widen_the_errors(
     deeper: float, variance: float
 ) -> None:
-    """The patch between a place and the next counts as half for each: 1 / (1/2 + 1)."""
+    """Of a place that is a ruler error away, and as likely but for that: e^-½ / (½ + e^-½)."""
     level: Any = Valleys([0.0, 1.0], bend=100.0, depth=deeper)
     search = Search(level, None, level, Placed([0.0]), 0)  # type: ignore[arg-type]
     search.best([level.candidate(np.zeros(1))])
