@@ -39,16 +39,6 @@ class Candidate:
     explanations: tuple[Explanation, ...]  # of each group; () where there is no scene
     penalty: float  # −2 log of the prior's density, up to a constant
 
-    def misfit_at(self, temperature: float) -> float:
-        """Return the objective without the prior of `SharpImages`, up to a constant.
-
-        It is infinite where there is no scene.
-        """
-        if not self.explanations:
-            return np.inf
-        fits = (float(2 * e.freedom * np.log(e.noise).sum()) for e in self.explanations)
-        return sum(fits) / temperature + self.penalty
-
     @cached_property
     def cost(self) -> float:
         """−2 log evidence, up to a constant; infinite if the point is no scene."""

@@ -85,12 +85,11 @@ SHIFTS, FAINT = (0.5, 1.0, 2.0, 4.0, 8.0), 5.0
 """Patches by which images are tried aside; and −log of the odds below which none is likely."""
 
 UNLIKELY = 0.05
-"""Probability of a place aside above which it is a rival; chosen."""
+"""Probability, against the best place, above which a place aside is a rival; chosen."""
 
 SHARES = 0.08, 0.12, 0.7, 0.06
-"""Fractions of the time that draws, coarse and large, fine and last descents take (chair, 63 x 63
-pixels, 29 x 36 patches), places aside being fine ones, for the progress alone; the rest is the
-standard errors'."""
+"""Fractions of the time that draws, coarse and large, fine and last descents take (a real chair),
+places aside being fine ones, for the progress alone; the rest is the standard errors'."""
 
 
 def fine_cooling(photographs: int) -> list[float]:
@@ -190,7 +189,7 @@ class Search:
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
     # The ends beside the best, of other places of the image, each so many times as likely.
     rivals: list[tuple[Look, float]] = field(default_factory=list, init=False)
-    # Second moments about the best, (P, P), of scenes that its image aside may belong to.
+    # Second moments about the best, (P, P), of scenes aside, one for each side of a surface.
     spread: list[Array] = field(default_factory=list, init=False)
     _rows: tuple[list[Array], ...] = field(default_factory=lambda: ([], [], [], []), init=False)
 

@@ -121,9 +121,9 @@ class Placed(Valleys):
     centers, center = np.zeros(2), np.zeros(2)
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
-        told = 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        information = 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         shared = candidate.point, candidate.explanations, candidate.penalty
-        return Look(*shared, np.zeros(2), np.zeros(2), told, np.ones(2), temperature)
+        return Look(*shared, np.zeros(2), np.zeros(2), information, np.ones(2), temperature)
 
 
 @pytest.mark.parametrize(("deeper", "variance"), [(0.0, 0.55), (-60.0, 0.0)])
