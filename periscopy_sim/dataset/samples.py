@@ -36,8 +36,8 @@ from periscopy_sim.measurement import add_noise
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.machine import Stage, in_parallel
 from periscopy_sim.numerics.products import combine_rows, times_rows
+from periscopy_sim.rendering.photograph import allowed_error
 from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
-from periscopy_sim.rendering.transport.plan import SMALL
 from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.storage.photographs import read_photograph
 
@@ -362,10 +362,11 @@ def render_geometry(settings: Configuration, number: int) -> RenderedGeometry:
     noise = max(10 ** (-settings.snr.bounds[1] / 20), LEAST_NOISE)
     with _rendering:
         error, A = scenario.transport_of(images, noise)
-    if error > SMALL * noise:
+    snr = -20 * np.log10(noise)
+    if error > allowed_error(snr):
         warnings.warn(
             f"geometry {number}: A errs by up to {error:.1e} of the light of its first images, "
-            f"more than a third of the noise at {-20 * np.log10(noise):.0f} dB",
+            f"more than a third of the noise at {snr:.0f} dB",
             RuntimeWarning,
             stacklevel=2,
         )

@@ -35,7 +35,6 @@ from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
 from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.scene.wall import camera_of, shape_of
 from periscopy_sim.rendering.transport.bounced import DIRECT, PATHS, make_tracer
-from periscopy_sim.rendering.transport.plan import SMALL
 from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
@@ -46,6 +45,9 @@ Result = TypeVar("Result")
 
 SNR = 60.0
 """SNR, in dB, of the photographs that are made where none is asked for: the paper's."""
+
+SMALL = 1 / 3
+"""Error of a photograph over its noise that counts as small: both exceed the noise by 5 %."""
 
 WAVEFRONT = 1 << 24
 """Camera samples traced at once, by one kernel, which nothing can interrupt; bounds the memory."""
@@ -267,22 +269,23 @@ def _direct_light(
 ) -> tuple[Array, float]:
     """Return the light, (M, 3), that comes straight from hidden surfaces, and its relative error.
 
-    It is averaged over the points of a grid in each pixel. By areas two grids, one of four times
-    the points, bound the finer one's error: where shadows have edges it errs a third as much. By
-    rays two independent renderings on different grids show the error of their mean. A SceneError
-    says that an edge of a pixel misses the wall.
+    It is averaged over the points of a grid in each pixel. By areas two grids, one of nine times
+    the points, bound the finer one's error: where shadows have edges it errs a fifth as much. A
+    doubles its points, so that the two grids differ. By rays two independent renderings on
+    different grids show the error of their mean. A SceneError says that an edge of a pixel misses
+    the wall.
     """
     sizes = {name: (each.shape[0], each.shape[1]) for name, each in images.items()}
     scenario = replace(scenario, hidden=Hidden.of_scene(scenario.scene, sizes))
     f = np.concatenate([each.reshape(-1, each.shape[2]) for each in images.values()])
     (M, N), across = scenario.transport_shape, points_across(scenario.photograph_shape)
-    if has_areas(scenario) and has_areas(scenario.averaged(2 * across)):
+    if has_areas(scenario) and has_areas(scenario.averaged(3 * across)):
         light = _by_channel(_light_by_areas, scenario.averaged(across), f)
         while True:
-            across *= 2
+            across *= 3
             coarse, light = light, _by_channel(_light_by_areas, scenario.averaged(across), f)
-            error = _half_difference(light, coarse, light)
-            points = M * (2 * across) ** 2
+            error = _half_difference(light, coarse, light) / 2
+            points = M * (3 * across) ** 2
             if error <= target or points > MOST_POINTS or points * N > MOST_ENTRIES:
                 return light, error
     grids, samples = (2 * across, 2 * across + 1), 1

@@ -39,8 +39,9 @@ By = Literal["areas", "rays"]
 NOISE = 1e-3
 """Noise of a photograph over its mean where none is known: 60 dB, the paper's."""
 
-SMALL = 1 / 3
-"""Error of A over the noise that counts as small: both together exceed the noise by 5 %."""
+SMALL = 1 / 10
+"""Error of A over the noise that counts as small. An image of 29 x 36 patches loses 0.1 dB by it,
+0.4 to 0.6 by a third of the noise (chair and plate, 60 dB, A by areas of 126 x 126 pixels)."""
 
 FEWEST = 4
 """Rays from each wall point to each patch to begin with."""
@@ -114,7 +115,7 @@ def planned(
     """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
 
     A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
-    a third of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
+    a tenth of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
     plan's error exceeds the noise where these are too few. `samples` asks for so many rays from the
     centre of each pixel to each patch. An infinite noise takes the quickest way, of unknown error.
     Errors and other parameters are those of `transport`; the seed is of the rays that measure the
@@ -249,7 +250,7 @@ def planned_for(
     """Return A, as fine as images' light, (K, N, C), needs, too, and the largest error of that.
 
     The error is over the mean of an image's light, at 4 `PIXELS` pixels against rows of more wall
-    points or, by rays, as many others; it is a third of the noise at most, within the budgets.
+    points or, by rays, as many others; it is a tenth of the noise at most, within the budgets.
     Light of small bright details errs up to 8 times as much as white light (chair and plate).
     """
     plan = planned(scenario, noise, by=by, samples=samples, seed=seed)
@@ -299,7 +300,7 @@ def transport(
         Most reflections of a path: 1 is direct light, None any number; see `add_bounces`.
     noise
         Noise of the photographs that A serves, over their mean: A is averaged over so many points
-        of each pixel, by so many rays, that its error is below a third of it, within a budget.
+        of each pixel, by so many rays, that its error is below a tenth of it, within a budget.
     seed
         Seed of the rays.
     progress
