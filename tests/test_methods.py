@@ -21,7 +21,6 @@ from periscopy_sim.methods import (
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import ColourMatrix, Photograph
 
-ALONE = [name for name, entry in METHODS.items() if not entry.needs]  # the core install has all
 RNG = np.random.default_rng(8)
 A = RNG.uniform(0.1, 1, (48, 6))
 B = RNG.uniform(0.1, 1, (48, 2))
