@@ -27,7 +27,7 @@ from periscopy_sim.own_code import OwnCode
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.registry import FORMER, METHODS, MethodEntry
+from periscopy_sim.reconstruction.registry import SUCCESSORS, METHODS, MethodEntry
 
 Name = str | Callable[..., Any]
 """A method's name, see `find_method`, or a user's own factory."""
@@ -77,8 +77,8 @@ def _own_code(name: str) -> OwnCode:
     """Return where a user's own method is; a PeriscopyError names those that there are."""
     own = OwnCode("method", name)
     if not own.is_complete:
-        if name in FORMER:
-            raise PeriscopyError(f"there is no method '{name}' any more; {FORMER[name]}")
+        if name in SUCCESSORS:
+            raise PeriscopyError(f"method '{name}' is gone: use {SUCCESSORS[name]}")
         guess = did_you_mean(name, METHODS)
         raise PeriscopyError(
             f"no method '{name}'; {f'{guess} ' if guess else ''}use "

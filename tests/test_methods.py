@@ -289,3 +289,17 @@ class Returning:
 def test_image_that_breaks_the_promise_is_refused(image, message):
     with pytest.raises(ValueError, match=message):
         image_by(Returning(image), photograph())
+
+
+@pytest.mark.parametrize(
+    ("method", "name", "successor"),
+    [
+        ("iterative", "IterativePeriscope", "noise-aware|ps.NoiseAware"),
+        ("unrolled", "Learned", "experiments/learned/unrolled.py:Unrolled"),
+    ],
+)
+def test_methods_that_are_gone_name_what_takes_their_place(method, name, successor):
+    with pytest.raises(PeriscopyError, match=successor):
+        find_method(method)
+    with pytest.raises(AttributeError, match=successor):
+        getattr(ps, name)

@@ -157,7 +157,7 @@ _ENTRIES = (
         DEFAULT,
         "models the noise in the photograph, where it is white",
         "noise_aware.noise_aware:NoiseAware",
-        bytes_per_entry=12,
+        bytes_per_entry=8,
         patterns=True,
         options=(_regularization("in ‖A⊥‖_F / σ", 0.02), _RANK),
         certainty="standard errors",
@@ -218,8 +218,8 @@ _ENTRIES = (
 METHODS: Mapping[str, MethodEntry] = {entry.name: entry for entry in _ENTRIES}
 """The methods of the package, by name."""
 
-FORMER = {
-    "iterative": "use noise-aware",
-    "unrolled": "use experiments/learned/unrolled.py:Unrolled in a copy of the repository",
+SUCCESSORS = {
+    "iterative": "noise-aware",
+    "unrolled": "experiments/learned/unrolled.py:Unrolled in a copy of the repository",
 }
-"""What takes the place of methods that former versions had, by name."""
+"""What takes the place of methods that are gone, by name."""
