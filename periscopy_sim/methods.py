@@ -27,7 +27,7 @@ from periscopy_sim.own_code import OwnCode
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.registry import SUCCESSORS, METHODS, MethodEntry
+from periscopy_sim.reconstruction.registry import METHODS, SUCCESSORS, MethodEntry
 
 Name = str | Callable[..., Any]
 """A method's name, see `find_method`, or a user's own factory."""

@@ -9,6 +9,7 @@ import cloudpickle
 import numpy as np
 import pytest
 
+import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.methods import (
