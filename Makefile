@@ -51,7 +51,8 @@ benchmark: $(VENV)/installed-experiments
 leaderboard: $(VENV)/installed-leaderboard
 	$(BIN)/python -m benchmarks run --out out/leaderboard
 
-# A network of your own for ps.Learned, in out/learned/trained. PHOTOGRAPHS=FOLDER to learn from, too.
+# Weights of your own for experiments/learned/unrolled.py: out/learned/trained/unrolled.npz.
+# PHOTOGRAPHS=FOLDER to learn from, too.
 learned: $(VENV)/installed-experiments
 	$(BIN)/python -m pip install --quiet --editable '.[learned]'
 	mkdir -p out/learned

@@ -17,9 +17,17 @@ except ValueError:
 _FORMER = {"World", "Sweep", "run_sweep"}
 """Names that version 0.3 has no more, for which `sweep` serves."""
 
+_SUCCESSORS = {
+    "IterativePeriscope": "ps.NoiseAware",
+    "Learned": "experiments/learned/unrolled.py:Unrolled in a copy of the repository",
+}
+"""What takes the place of names that are gone."""
+
 
 def __getattr__(name: str) -> Any:
     """Load a public name."""
+    if name in _SUCCESSORS:
+        raise AttributeError(f"ps.{name} is gone: use {_SUCCESSORS[name]}")
     if name in _FORMER:
         warn(f"use ps.sweep; ps.{name} goes in 0.3", DeprecationWarning, stacklevel=2)
     return _load(name)

@@ -43,8 +43,6 @@ from .photographs.marks import WallPoints, WallTags
 from .photographs.prepare import Prepared, prepare
 from .reconstruction.baselines.differencing import Differencing
 from .reconstruction.baselines.truncated_svd import TruncatedSVD
-from .reconstruction.iterative import IterativePeriscope, IterativeReconstruction
-from .reconstruction.learned.still import Learned
 from .reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
 from .reconstruction.noise_aware.video import NoiseAwareVideo
 from .reconstruction.noise_aware.views import NoiseAwareViews
@@ -82,9 +80,6 @@ __all__ = [
     "ColourMatrix",
     "Differencing",
     "Hidden",
-    "IterativePeriscope",
-    "IterativeReconstruction",
-    "Learned",
     "Light",
     "NoiseAware",
     "NoiseAwareReconstruction",

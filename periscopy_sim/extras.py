@@ -12,7 +12,7 @@ EXTRA_OF = {
     "upath": "s3",
     "rawpy": "raw",
     "cv2": "tags",
-    **dict.fromkeys(("torch", "safetensors"), "torch"),
+    "torch": "torch",
     "deepinv": "deepinv",
     "websockets": "live",
     "av": "video",

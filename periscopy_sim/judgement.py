@@ -11,7 +11,7 @@ from periscopy_sim.calibration.prior import distant_parameters
 from periscopy_sim.calibration.scene_covariance import scene_covariance
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.geometry import Geometry
-from periscopy_sim.methods import Name, check_able, entry_of, label_of
+from periscopy_sim.methods import Name, entry_of, label_of
 from periscopy_sim.model import spectral_basis
 from periscopy_sim.model.fit import PRECISION
 from periscopy_sim.model.noise import relative_noise
@@ -41,7 +41,6 @@ def check(scenario: Geometry, method: Name | None = None) -> list[Note]:
     """Return notes on what a scene and its A lack; see `Scenario.check`."""
     notes, of = list[Note](), {"scene": scenario.path.name}
     if method is not None:
-        check_able(method, scenario.hidden)
         notes += check_memory(scenario, method)
     if lights := scenario.scene.lights:
         names = ", ".join(f"'{name}'" for name in lights)

@@ -18,7 +18,6 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim import own_code
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.extras import require_all
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Image
@@ -28,11 +27,7 @@ from periscopy_sim.own_code import OwnCode
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.registry import (
-    METHODS,
-    MethodEntry,
-    libraries_of,
-)
+from periscopy_sim.reconstruction.registry import METHODS, SUCCESSORS, MethodEntry
 
 Name = str | Callable[..., Any]
 """A method's name, see `find_method`, or a user's own factory."""
@@ -82,27 +77,14 @@ def _own_code(name: str) -> OwnCode:
     """Return where a user's own method is; a PeriscopyError names those that there are."""
     own = OwnCode("method", name)
     if not own.is_complete:
+        if name in SUCCESSORS:
+            raise PeriscopyError(f"method '{name}' is gone: use {SUCCESSORS[name]}")
         guess = did_you_mean(name, METHODS)
         raise PeriscopyError(
             f"no method '{name}'; {f'{guess} ' if guess else ''}use "
             f"{', '.join(METHODS)}, or your own as module:callable or path/to/file.py:callable"
         )
     return own
-
-
-def check_able(name: Name, hidden: Hidden, *libraries: str) -> None:
-    """Raise a PeriscopyError if a method does not support these surfaces, or a library is missing.
-
-    These are the method's, and others.
-    """
-    entry = entry_of(name)
-    if entry and entry.hidden is not None and [*hidden.shapes.values()] != [entry.hidden]:
-        rows, columns = entry.hidden
-        raise PeriscopyError(
-            f"method '{name}' learned from one hidden surface of {rows}x{columns} patches alone: "
-            "take this size, or train a network of your own"
-        )
-    require_all(*libraries_of(label_of(name)), *libraries)
 
 
 def source_sha256(name: Name) -> str | None:

@@ -45,7 +45,6 @@ IN_WHEEL = (
     "periscopy_sim/storage/published.toml",
     "periscopy_sim/scenes/chair.xml",
     "periscopy_sim/scenes/images/mushroom.png",
-    "periscopy_sim/reconstruction/learned/unrolled.safetensors",
 )
 IN_SDIST = ("README.md", "CHANGELOG.md", "LICENSE", "Makefile", "tests/conftest.py", *IN_WHEEL[:2])
 NEVER = ("/.git/", "/.venv/", "__pycache__", "/out/", ".pyc")

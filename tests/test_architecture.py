@@ -28,7 +28,6 @@ HEAVY = {
 STANDING_APART = "experiments.laboratories.making"
 """What renders stand-ins knows nothing of the package; the room around it chooses a libLLVM."""
 OF_OUTPUT = {"matplotlib", "zarr", "xarray", "distributed"}
-LEARNED = "periscopy_sim.reconstruction.learned.weights"
 # From the top floor down: a part imports from its own floor and from those below.
 FLOORS = [
     {"experiments"},
@@ -106,8 +105,6 @@ def broken_arrows(module, tree):
             allowed = FLOOR[other] <= FLOOR[own]
         if own in ("reconstruction", "model"):  # arrays in, arrays out
             allowed = other in (own, "model", "photograph", "hidden", "numerics")
-            if module == LEARNED:  # but for what was learned: its own file, by an extra's libraries
-                allowed |= other in ("extras", "errors")
         if own == "analytic" and other == "rendering":  # twins that check each other
             allowed = False
         if own in ("cli", "live") and other in MAKERS and module != DOCTOR:  # a scenario makes all

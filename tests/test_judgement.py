@@ -9,7 +9,7 @@ from periscopy_sim.judgement import check_memory
 from periscopy_sim.numerics import machine
 
 
-@pytest.mark.parametrize("method", ["", "noise-aware", "iterative", "mine.py:Mine"])
+@pytest.mark.parametrize("method", ["", "noise-aware", "mine.py:Mine"])
 def test_what_does_not_fit_in_memory_is_refused_with_advice(method, monkeypatch):
     monkeypatch.setattr(machine, "available_memory", lambda: 8 * 10**9)
     with pytest.raises(PeriscopyError, match=r"GB"):

@@ -9,6 +9,7 @@ import cloudpickle
 import numpy as np
 import pytest
 
+import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.methods import (
@@ -21,7 +22,6 @@ from periscopy_sim.methods import (
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import ColourMatrix, Photograph
 
-ALONE = [name for name, entry in METHODS.items() if not entry.needs]  # the core install has all
 RNG = np.random.default_rng(8)
 A = RNG.uniform(0.1, 1, (48, 6))
 B = RNG.uniform(0.1, 1, (48, 2))
@@ -290,3 +290,17 @@ class Returning:
 def test_image_that_breaks_the_promise_is_refused(image, message):
     with pytest.raises(ValueError, match=message):
         image_by(Returning(image), photograph())
+
+
+@pytest.mark.parametrize(
+    ("method", "name", "successor"),
+    [
+        ("iterative", "IterativePeriscope", "noise-aware|ps.NoiseAware"),
+        ("unrolled", "Learned", "experiments/learned/unrolled.py:Unrolled"),
+    ],
+)
+def test_methods_that_are_gone_name_what_takes_their_place(method, name, successor):
+    with pytest.raises(PeriscopyError, match=successor):
+        find_method(method)
+    with pytest.raises(AttributeError, match=successor):
+        getattr(ps, name)

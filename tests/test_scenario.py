@@ -150,7 +150,7 @@ OWN = """
 import periscopy_sim as ps
 
 def own(scenario, A, B):
-    return ps.IterativePeriscope.for_scene(scenario, A, B)
+    return ps.NoiseAware.for_scene(scenario, A, B)
 """
 
 
@@ -167,7 +167,7 @@ def test_a_method_is_kept_until_what_it_depends_on_changes(wall, tmp_path, monke
     def fitted():
         yield scene.method("noise-aware", y)
         yield scene.method("noise-aware", y, tv_weight=0.1)
-        yield scene.method("iterative", y)
+        yield scene.method("differencing", y)
         yield scene.method("noise-aware", replace(y, mask=mask))
         yield scene.method("noise-aware", replace(y, monitor_off={"off": y.values**2}))
         yield scene.method("noise-aware", y, errors={})
@@ -191,7 +191,7 @@ def test_the_noise_decides_how_fine_a_matrix_is():
     scene = chair(ps.Light(by="rays", ambient=(LIT,)))
     fine, coarse = (scene.plan(noise).samples for noise in (1e-2, 1.0))
     assert fine > coarse and scene.transport(1e-2) is not scene.transport(1.0)
-    assert scene.method("iterative", noise=1e-2) is not scene.method("iterative", noise=1.0)
+    assert scene.method("noise-aware", noise=1e-2) is not scene.method("noise-aware", noise=1.0)
     np.testing.assert_array_equal(
         scene.transport_of(np.ones((1, 20, 3)), 1.0)[1], scene.transport(1.0)
     )
@@ -233,8 +233,9 @@ def test_a_given_matrix_is_used(wall):
         scene, light=ps.Light(ambient=(LIT,), matrix=A, record={"transport_error": 0.25})
     )
     assert given.A is A and given.plan().by == "file" and given.plan().error == 0.25
-    turned = given.method("iterative", y).reconstruct(y)[::-1, ::-1]
-    np.testing.assert_allclose(turned, scene.method("iterative", y).reconstruct(y), rtol=1e-3)
+    plain = {"tv_weight": 0, "repair_threshold": 1e9}
+    images = [each.method("preconditioned", y, **plain).reconstruct(y) for each in (given, scene)]
+    np.testing.assert_allclose(images[0][::-1, ::-1], images[1], rtol=1e-3)
 
 
 def test_a_given_matrix_stays_with_its_scene(wall):
@@ -253,7 +254,7 @@ def test_a_given_matrix_with_bounces_lacks_no_light_that_bounces(wall):
     codes = []
     for matrix in (scene.A, A):
         given = replace(scene, light=ps.Light(ambient=(LIT,), matrix=matrix))
-        fitted = given.method("iterative", y)
+        fitted = given.method("preconditioned", y)
         codes.append([note.code for note in given.judge(y, fitted.solve(y), fitted).warnings])
     assert "bounces" in codes[0] and "bounces" not in codes[1]
 
@@ -274,7 +275,7 @@ def test_what_is_kept_is_nobodys_to_change():
 def test_a_solution_of_another_photograph_or_scenario_is_not_judged(wall):
     scene, y = wall
     others = ps.Photograph(y.values[..., :1]), replace(y, mask=np.eye(24) == 0)
-    for name, other in zip(("iterative", "noise-aware"), others, strict=True):
+    for name, other in zip(("truncated-svd", "noise-aware"), others, strict=True):
         method = scene.method(name, other)
         with pytest.raises(PeriscopyError, match="another photograph or scenario"):
             scene.judge(y, method.solve(other), scene.method(name, y))

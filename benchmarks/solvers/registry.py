@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from typing import Any
 
-from benchmarks.cases import Case
 from benchmarks.entry import Entry, Recover
-from periscopy_sim.extras import missing
 from periscopy_sim.reconstruction.registry import METHODS
 
 LEFT_OUT = ("differencing-published",)
@@ -24,14 +21,6 @@ class Solver(Entry):
     def label(self) -> str:
         """The method's own name."""
         return str(self.method)
-
-    def skip(self, case: Case) -> tuple[bool, str | None]:
-        """Skip a method whose libraries are not installed, by name."""
-        _ = case
-        needs = METHODS[self.method].needs
-        if needs and find_spec(needs) is None:
-            return True, f"'{self.method}': {missing(needs)}"
-        return False, None
 
     def fit(self, scene: Any, A: Any, B: Any) -> Any:
         """Fit it as a sweep does."""

@@ -2,7 +2,7 @@
 
 The training takes what `samples` wrote, one or two cores and an hour, prints its progress and
 continues a stopped run: `unrolled.pt` holds the network, the optimizer and the curves so far. At
-the end it writes `unrolled.safetensors`, the weights of the least validation error, with their
+the end it writes `unrolled.npz`, the weights of the least validation error, with their
 provenance, and draws `unrolled.png`, the learning curves.
 
 The loss is the mean logarithm of each image's mean squared error, as decibels are, after each
@@ -12,7 +12,7 @@ brightness is known, half of the loss is without the gain.
 
 import json
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,11 +22,10 @@ import typer
 from torch.nn.utils import clip_grad_norm_
 
 from experiments.drawing import PAGE, drawn
-from experiments.learned.samples import HIDDEN, Samples
+from experiments.learned.samples import Samples
+from experiments.learned.unrolled import HIDDEN, Problems, UnrolledNetwork, write_weights
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.model.spectral_basis import laplacian
-from periscopy_sim.reconstruction.learned.unrolled_network import Problems, UnrolledNetwork
-from periscopy_sim.reconstruction.learned.weights import NETWORK, Weights, write_weights
+from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.storage.outputs.provenance import sha256_of
 from periscopy_sim.storage.outputs.staging import staged_file
 
@@ -38,8 +37,8 @@ CHECKED = 500
 """Steps between two looks at the validation error."""
 RIGHT = 0.6
 """Share of batches that are of scenes as they are."""
-SETTINGS = {"steps": 8, "width": 24}
-"""Of the network: about 100,000 weights."""
+NAME = "unrolled"
+"""Of the files that the training writes."""
 
 
 @dataclass
@@ -77,20 +76,21 @@ class Geometry:
 
     def __init__(self, samples: Samples, right: bool) -> None:
         self.right = right
-        rows_K = (samples.rows @ laplacian(Hidden.of(HIDDEN).differences)).astype(np.float32)
-        self.patterns = [torch.from_numpy(v) for v in (samples.rows, samples.curvatures, rows_K)]
+        patterns = SpectralBasis(samples.curvatures, samples.rows, Hidden.of(HIDDEN))
         stacks = samples.data, samples.weights, samples.errors[:, None], samples.start
-        self.stacks = [torch.from_numpy(each) for each in stacks]
+        self.all = Problems.of(patterns, *stacks)
         self.truth = torch.from_numpy(samples.truth)
 
     def problems(self, chosen: Any, colours: Any = None) -> tuple[Problems, torch.Tensor]:
         """Return chosen photographs and their truths, the colours in another order if given."""
-        data, weights, errors, start = (each[chosen] for each in self.stacks)
+        stacks = self.all.data, self.all.weights, self.all.errors, self.all.start
+        data, weights, errors, start = (each[chosen] for each in stacks)
         truth = self.truth[chosen]
         if colours is not None:
             data, weights = data[:, colours], weights[:, colours]
             start, truth = start[:, colours], truth[:, colours]
-        return Problems(*self.patterns, data, weights, errors, start), truth
+        own = replace(self.all, data=data, weights=weights, errors=errors, start=start)
+        return own, truth
 
 
 def validation(network: torch.nn.Module | None, geometries: list[Geometry]) -> float:
@@ -123,11 +123,11 @@ def main(
     torch.set_num_threads(threads)
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)
-    learner = UnrolledNetwork(**SETTINGS).to(memory_format=torch.channels_last)  # a fifth less time
+    learner = UnrolledNetwork().to(memory_format=torch.channels_last)  # a fifth less time
     optimizer = torch.optim.Adam(learner.parameters(), RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, 1e-5)
     curves, best, least, first = Curves(), learner.state_dict(), np.inf, 0
-    state, samples_sha256 = out / f"{NETWORK}.pt", sha256_of(sorted(samples.glob("*.npz")))
+    state, samples_sha256 = out / f"{NAME}.pt", sha256_of(sorted(samples.glob("*.npz")))
     if state.is_file():
         held = torch.load(state, weights_only=True)
         if held["steps"] != steps or held["seed"] != seed:
@@ -186,13 +186,12 @@ def main(
         "photographs": sum(len(g.truth) for g in train), "seed": seed, "training_steps": steps,
         "torch": torch.__version__.partition("+")[0],
     }  # fmt: skip
-    weights = Weights(learner.state_dict(), HIDDEN, SETTINGS, provenance)
-    file = out / f"{NETWORK}.safetensors"
-    write_weights(weights, file)
+    file = out / f"{NAME}.npz"
+    write_weights(learner.state_dict(), provenance, file)
     levels = {"noise_aware": starts[True], "noise_aware_ruler": starts[False]}
-    (out / f"{NETWORK}.json").write_text(json.dumps(asdict(curves) | levels), "utf-8")
-    draw(curves, starts, out / f"{NETWORK}.png")
-    print(f"wrote {file} ({weights.digest[:12]}), {out / NETWORK}.png")
+    (out / f"{NAME}.json").write_text(json.dumps(asdict(curves) | levels), "utf-8")
+    draw(curves, starts, out / f"{NAME}.png")
+    print(f"wrote {file}, {out / NAME}.png")
 
 
 def draw(curves: Curves, starts: dict[bool, float], file: Path) -> None:
@@ -201,7 +200,7 @@ def draw(curves: Curves, starts: dict[bool, float], file: Path) -> None:
         titles = "Scene as it is", "Scene with a ruler's errors"
         axes, series = figure.subplots(1, 2), (curves.right, curves.ruler)
         for ax, title, errors, start in zip(axes, titles, series, starts.values(), strict=True):
-            ax.plot(curves.step, errors, label=NETWORK)
+            ax.plot(curves.step, errors, label=NAME)
             ax.axhline(start, color="0.4", linestyle="--", label="noise-aware")
             ax.set(title=title, xlabel="steps", ylabel="validation error (dB)")
             ax.legend(frameon=False)

@@ -37,6 +37,10 @@ ones is interpolated; a search uses half as many more at most."""
 LARGEST_CLIPPED = 63
 """The same for derivatives of an A that faces clip: those of a doorway take 4 s instead of 17."""
 
+MOST_BYTES = 400_000_000
+"""Memory of the derivatives of A that are held at once: less takes more time, for each band moves
+the scene anew."""
+
 
 @dataclass(frozen=True, eq=False)
 class MovingScene:
@@ -145,8 +149,8 @@ def uncertain_transport(
     coarse = limit_size(shape, max(largest, *map(max, scenario.hidden.shapes.values())))
     deviations = np.sqrt(np.sum(directions**2, axis=1))
     view = View.of(scenario.scene, coarse, camera=scenario.view.camera)
-    # Two bands for three parameters: their derivatives take 1.5 times the memory of A.
-    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-2 * len(names) // 3)))
+    size = 4 * len(names) * coarse[0] * coarse[1] * scenario.hidden.patches
+    bands = np.array_split(np.arange(coarse[0]), min(coarse[0], -(-size // MOST_BYTES)))
 
     def slopes(image: Image | Mapping[str, Image]) -> NDArray[np.float32]:
         f, parts = scenario.hidden.vector(image).astype(np.float32), []

@@ -149,8 +149,8 @@ _SAMPLES = (
 )
 _MODEL = (
     "Compute A by shadow rays, or in closed form (flat wall and monitor, occluders of triangles). "
-    "[default: in closed form where the scene has one, but by 16 rays for preconditioned, "
-    "pseudoinverse and unrolled]"
+    "[default: in closed form where the scene has one, but by 16 rays for preconditioned "
+    "and pseudoinverse]"
 )
 _BOUNCES = "Light of the monitor in A: direct, all reflections, or at most N."
 _LIGHT_MODEL = "Ambient light to remove: Eq. 4's point lights, or columns of a file; repeatable."

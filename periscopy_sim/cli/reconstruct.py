@@ -12,6 +12,7 @@ from periscopy_sim.cli import messages, options, output
 from periscopy_sim.cli.light import LightOptions
 from periscopy_sim.cli.options import OUTPUT, option
 from periscopy_sim.cli.session import PhotoSession, Session
+from periscopy_sim.extras import require_all
 from periscopy_sim.figures import panels
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics import Array, Image
@@ -54,6 +55,7 @@ def reconstruct(
     from periscopy_sim.methods import find_method, source_sha256
 
     find_method(method)
+    require_all(*libraries_of(photo))
     settings = options.settings_for(method, numbers.values, options.FOR_STILLS)
     text = "" if uncertain in (None, "none") else str(uncertain)
     views = session.views(photo)
@@ -76,7 +78,7 @@ def reconstruct(
     with output.output_folder(out, OPTIONAL) as folder:
         walls, methods = dict[str, ps.Photograph](), dict[str, "StillMethod[Any]"]()
         for (camera, view), file in zip(views.items(), photo, strict=True):
-            view.check_scene(method, *libraries_of(photo))
+            view.check_scene(method)
             walls[camera] = view.wall(file)
         names = session.by_surface(truth, "--truth") if truth else None
         known = names and session.scenario.hidden.images(session.scenario.image(names))

@@ -138,12 +138,9 @@ class Session(options.OptionGroup):
             self.settings |= light.origin
         return replace(self.scenario, light=lit)
 
-    def check_scene(self, method: str = "", *libraries: str) -> None:
+    def check_scene(self, method: str = "") -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
-        from periscopy_sim.methods import check_able
-
         scenario = self.scenario  # loading it is a stage of its own
-        check_able(method, scenario.hidden, *libraries)
         with self.timed("check the scene"), progress("checking the scene"):
             self.warn_of(scenario.check(method))
 

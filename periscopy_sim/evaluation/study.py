@@ -27,7 +27,6 @@ from periscopy_sim.numerics.validation import checked_scene, is_name, listed
 from periscopy_sim.numerics.words import WAYS, bounces_in_words
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
-from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.rendering.photograph import excess_of
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import (
@@ -151,7 +150,7 @@ def sweep(
     """
     checked_scene(scenario)
     named = _named_methods(methods)
-    require_all(*SWEEP, *libraries_of(*map(label_of, named.values())))
+    require_all(*SWEEP)
     for method in named.values():
         find_method(method)
     checked("seeds", seeds, "count")

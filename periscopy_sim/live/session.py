@@ -32,7 +32,7 @@ from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.numerics.limits import RANGES
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
-from periscopy_sim.reconstruction.registry import installed_methods
+from periscopy_sim.reconstruction.registry import METHODS
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import scenes_folder
 
@@ -260,7 +260,7 @@ class LiveSession:
             act = lambda value: self._set({name: value}, REST["slider"])  # noqa: E731
             return slider(self._movables[name], group, act, lambda: self.choice.values[name])
 
-        controls = {"method": chosen("Method", "method", *installed_methods(), first.method)}
+        controls = {"method": chosen("Method", "method", *METHODS, first.method)}
         if first.image:
             images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
             controls["image"] = chosen("Hidden image", "image", *images, first.image)

@@ -118,7 +118,7 @@ def cost(pixels: int, patches: int) -> tuple[float, float]:
     """Return about the bytes and seconds that the patterns of A, (M, N), take, with their light.
 
     Bytes beside A are those of the standard errors, in double precision, and of the products with
-    A, in single. Whole commands at 14,400 patches took 2.7 to 4.7 GB, where this gives 4.4.
+    A, in single.
     """
     count = min(patches, MOST_PATTERNS)
     memory = count * (12.0 * pixels + 48.0 * patches)

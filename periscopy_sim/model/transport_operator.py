@@ -2,32 +2,22 @@
 
     A⊥ = A − Q QᵀA,   Q an orthonormal basis of range(B)
 
-A pass reads a few rows, multiplies by them and, while they are in the cache, by their transpose:
-A⊥ᵀA⊥ f costs one reading of A for all channels together. So A may be an array, a memory map, or
-blocks of rows that are made anew in every pass. The number of threads does not change the results.
+A may be an array, a memory map, or blocks of rows that are made anew in every pass.
 """
 
 from collections.abc import Iterator
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import DTypeLike
 from scipy import linalg
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import LinearOperator
 
 from periscopy_sim.model.ambient import ROUNDING
 from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.numerics.products import combine_rows, times_rows
 from periscopy_sim.numerics.validation import InputError, checked_matrix
-
-PARTS = 16
-"""Parts of a block of rows, each with a sum of its own: fixed, so that the order of sums is."""
-
-CONVERTED = 2**16
-"""Entries converted to double precision at once for A⊥ᵀA⊥ f, so that they stay in the cache."""
 
 LARGEST_GRAM = 5e10
 """M N² up to which `unexplained` forms A⊥ᵀA⊥: a second or two."""
@@ -128,27 +118,6 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
         factor: tuple[Array, bool] = linalg.cho_factor(gram)
         return factor
 
-    def gram_product(self, f: Array) -> Array:
-        """Return A⊥ᵀA⊥ f = Aᵀ(A f − Q QᵀA f), (N, K), of f, (N, K), in one pass."""
-        background = self.QtA @ f
-        product = np.zeros_like(f)
-        count = max(CONVERTED // len(f), 1)
-        for rows, block in row_blocks(self.A):
-            Q = self.Q[rows]
-
-            def part(edges: tuple[int, int], block: Image = block, Q: Array = Q) -> Array:
-                share = np.zeros_like(f)
-                for start in range(*edges, count):
-                    own = slice(start, min(start + count, edges[1]))
-                    converted = np.asarray(block[own], np.float64)
-                    share += converted.T @ (converted @ f - Q[own] @ background)
-                return share
-
-            edges = np.linspace(0, len(block), PARTS + 1).astype(int).tolist()
-            for share in in_parallel(part, list(pairwise(edges))):
-                product += share
-        return product
-
     @cached_property
     def gram(self) -> Array:
         """A⊥ᵀA⊥, (N, N), by one pass."""
@@ -157,23 +126,6 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
             rest = block - self.Q[rows] @ self.QtA  # squared, it has no negative eigenvalue
             gram += rest.T @ rest
         return gram
-
-    def strongest_eigenvectors(self, count: int) -> tuple[Array, Array]:
-        """Return the hidden images that the photograph shows best, by Lanczos iterations.
-
-        They are the eigenvalues of A⊥ᵀA⊥, (k,), the largest first, and its eigenvectors, (N, k).
-        Each of the `count`, at most N, takes some two passes.
-        """
-        N = self.shape[1]
-        if 2 * count >= N:  # more iterations than columns
-            energy, V = np.linalg.eigh(self.gram_product(np.eye(N)))
-        else:
-            gram = LinearOperator(
-                (N, N), lambda f: self.gram_product(f.reshape(N, 1)).ravel(), dtype=np.float64
-            )
-            start = np.random.default_rng(0).standard_normal(N)
-            energy, V = eigsh(gram, k=count, v0=start, ncv=min(N, 2 * count + 1), tol=1e-6)
-        return energy[::-1][:count], np.ascontiguousarray(V[:, ::-1][:, :count])
 
     def light(self, f: Array) -> Array:
         """Return A f, (M, K), backgrounds and all, of f, (N, K)."""

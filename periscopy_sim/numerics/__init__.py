@@ -20,7 +20,7 @@ def precision_of(values: ArrayLike) -> float:
     largest one, whatever the shape. ε is that of the dtype, but that of float32 where a column of
     float64 is exact in single, not in half precision: such columns have been cast. The smooth
     fields of B have no more significant singular values beside ε: with B in float32, methods lose
-    2 dB below that tolerance, and the iterative one 0.3 dB at NumPy's, ε times the longer side.
+    2 dB below that tolerance.
     """
     values = np.asarray(values)
     if values.dtype.kind != "f":

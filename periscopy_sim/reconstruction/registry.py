@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from periscopy_sim.numerics.limits import RANGES
@@ -65,8 +64,6 @@ class MethodEntry:
     rays: bool = False  # whether it wants random rays' noise in A: a ridge for P, 1 to 2 dB
     video: VideoEntry | None = None  # None if it recovers no videos
     views: str = ""  # the class for several views, as `of`; empty if it takes one view alone
-    needs: str = ""  # a library that an extra brings; empty for none
-    hidden: tuple[int, int] | None = None  # the only hidden images that it knows; None for any
     bytes_per_entry: int = 33  # of A, while it is fitted: A and B themselves, and copies (measured)
     patterns: bool = False  # whether `spectral_basis.cost` comes on top
 
@@ -160,7 +157,7 @@ _ENTRIES = (
         DEFAULT,
         "models the noise in the photograph, where it is white",
         "noise_aware.noise_aware:NoiseAware",
-        bytes_per_entry=12,
+        bytes_per_entry=8,
         patterns=True,
         options=(_regularization("in ‖A⊥‖_F / σ", 0.02), _RANK),
         certainty="standard errors",
@@ -187,13 +184,6 @@ _ENTRIES = (
                 _l1_weight(0.4),
             ),
         ),
-    ),
-    MethodEntry(
-        "iterative",
-        "the paper's problem without P, for fine grids",
-        "iterative:IterativePeriscope",
-        bytes_per_entry=14,
-        options=(_regularization("in σ ‖A⊥‖_F", 0.015), _RANK),
     ),
     MethodEntry(
         "differencing",
@@ -223,27 +213,13 @@ _ENTRIES = (
         rays=True,
         backgrounds=False,
     ),
-    MethodEntry(
-        "unrolled",
-        "the noise-aware image refined by a network; 29x36 alone, needs PyTorch",
-        "learned.still:Learned",
-        bytes_per_entry=12,
-        patterns=True,
-        needs="torch",
-        rays=True,  # as in its training
-        hidden=(29, 36),
-    ),
 )
 
 METHODS: Mapping[str, MethodEntry] = {entry.name: entry for entry in _ENTRIES}
 """The methods of the package, by name."""
 
-
-def libraries_of(*names: str) -> list[str]:
-    """Return the libraries of extras that methods need; a user's own needs none."""
-    return [METHODS[each].needs for each in names if each in METHODS and METHODS[each].needs]
-
-
-def installed_methods() -> list[str]:
-    """Return the names of the methods whose libraries are installed."""
-    return [name for name, entry in METHODS.items() if not entry.needs or find_spec(entry.needs)]
+SUCCESSORS = {
+    "iterative": "noise-aware",
+    "unrolled": "experiments/learned/unrolled.py:Unrolled in a copy of the repository",
+}
+"""What takes the place of methods that are gone, by name."""

@@ -37,7 +37,7 @@ calibrate wall.npy --scene {SIZED} --shown mushroom --free occluder_dx=0.003 --o
 photograph {SIZED} mushroom --samples 4 --out photo.exr
 transport {SIZED} --out A.npy
 ambient overcast --scene plate -D resolution=4 --target 1 --out ambient
-sweep {SIZED} --photograph wall.npy --truth mushroom --ambient none --methods iterative --out s
+sweep {SIZED} --photograph wall.npy --truth mushroom --ambient none --methods differencing --out s
 plot done --out done.png
 dataset data.yaml --out data.zarr
 analyze {SIZED} --out analysis

@@ -120,10 +120,7 @@ def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused
     [
         ("websockets cv2", "live,tags", "watch . --scene plate --hidden 3x4 --tags t.csv"),
         ("cv2 rawpy", "raw,tags", "prepare wall.dng --scene plate --tags t.csv --out p.exr"),
-        ("xarray zarr torch", "sweep,torch", "sweep plate --hidden 29x36 --hidden-image bars "
-         "--methods unrolled --out s"),
-        ("torch rawpy", "torch,raw", "reconstruct wall.dng --scene plate --hidden 29x36 "
-         "--method unrolled --out o"),
+        ("rawpy", "raw", "reconstruct wall.dng --scene plate --hidden 3x4 --out o"),
     ],
 )  # fmt: skip
 def test_all_missing_extras_are_named_at_once(lacking, extras, options, monkeypatch, refused):

@@ -53,7 +53,6 @@ def of_each(stem, *endings):
     ("method", "least"),
     [
         ("noise-aware", 40),
-        ("iterative", 40),
         ("differencing", 40),
         ("preconditioned --tv-weight 0 --repair-threshold 1e9", 40),
         ("truncated-svd --tv-weight 0 --repair-threshold 1e9", 13),
@@ -101,7 +100,6 @@ def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
         (("--hidden", "monitor=3x4", "--hidden", "hidden_card=3"), "'3' is not a size"),
         ((*HIDDEN, "--truth", "monitor.npy"), "--truth: .* monitor=..., hidden_card=..."),
         ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth: .* hidden_card=..."),
-        ((*HIDDEN, "--method", "unrolled"), "one hidden surface"),
     ],
 )
 def test_wrong_surfaces_are_named(options, offender, scene, refused):

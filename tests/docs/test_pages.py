@@ -165,7 +165,7 @@ def test_figures_show_by_their_inches_and_long_names_may_break(tmp_path):
 
     Image.new("RGB", (700, 10)).save(tmp_path / "column.png", dpi=(200, 200))
     Image.new("RGB", (700, 10)).save(tmp_path / "screen.png")
-    names = "periscopy reconstruct --method unrolled", "a" * 40
+    names = "periscopy reconstruct --method periscope", "a" * 40
     page = nodes.section("", *(nodes.image(uri=f"{n}.png") for n in ("column", "screen", "gone")))
     page += [nodes.literal("", name) for name in names]
     page += nodes.paragraph("", "0.1 % of 60 dB, 3 samples")

@@ -8,7 +8,6 @@ from periscopy_sim.methods import fit_method
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
-from periscopy_sim.reconstruction.iterative import IterativePeriscope
 from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.preconditioned.still import Periscope
 
@@ -28,7 +27,6 @@ SCENE = {"hidden": HIDDEN, "channel_gain": GAIN, "photograph_shape": PHOTOGRAPH}
 
 METHODS = {
     "periscope": partial(Periscope, **SCENE, repair_threshold=np.inf),
-    "iterative": partial(IterativePeriscope, **SCENE),
     "noise-aware": partial(NoiseAware, **SCENE, profiles=False, corrections=()),
 }
 

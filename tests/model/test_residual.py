@@ -58,7 +58,7 @@ def residual(y, name="noise-aware", mask=None, **options):
 
 # Of so few patches, the paper's total variation and repair take details for noise.
 MILD = {"preconditioned": {"repair_threshold": 1e9, "tv_weight": 0.01}}
-METHODS_OF_LIGHT = ("noise-aware", "preconditioned", "iterative")
+METHODS_OF_LIGHT = ("noise-aware", "preconditioned")
 
 
 def judged(name, diagnosis):

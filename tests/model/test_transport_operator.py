@@ -64,42 +64,8 @@ def test_products_are_those_of_the_dense_matrix(kind, dtype, tmp_path):
     np.testing.assert_allclose(operator @ f, dense @ f, atol=1e-11)
     np.testing.assert_allclose(operator @ f[:, 0], dense @ f[:, 0], atol=1e-11)
     np.testing.assert_allclose(operator.quick_light(f), operator.light(f), atol=1e-3)
-    np.testing.assert_allclose(operator.gram_product(f), dense.T @ (dense @ f), atol=1e-9)
     adjoint_test(operator, rtol=1e-12)
     assert operator.squared_norm == pytest.approx(np.sum(dense**2), rel=1e-12)
-
-
-@pytest.mark.parametrize("pixels", [1, 5, 17, 700])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_gram_product_of_any_size_is_the_dense_one(pixels, channels):
-    A = matrix(pixels, 23)
-    f = np.random.default_rng(2).normal(size=(23, channels))
-    exact = A.astype(np.float64)
-    np.testing.assert_allclose(
-        TransportOperator(A).gram_product(f), exact.T @ (exact @ f), rtol=1e-11, atol=1e-11
-    )
-
-
-def test_gram_product_does_not_depend_on_the_threads(monkeypatch):
-    operator = TransportOperator(matrix(500, 60), basis(500))
-    f = np.random.default_rng(2).normal(size=(60, 3))
-    threaded = operator.gram_product(f)
-    monkeypatch.setattr(
-        transport_operator, "in_parallel", lambda call, items: list(map(call, items))
-    )
-    np.testing.assert_array_equal(operator.gram_product(f), threaded)
-
-
-@pytest.mark.parametrize(("patches", "count"), [(1, 1), (5, 5), (30, 4), (200, 6)])
-def test_strongest_patterns_are_the_eigenvectors_of_the_dense_gram_matrix(patches, count):
-    A, Q = matrix(300, patches), basis(300)
-    dense = projected(A, Q)
-    energy, V = TransportOperator(A, Q).strongest_eigenvectors(count)
-    strongest = np.linalg.svd(dense, compute_uv=False)[:count]
-    np.testing.assert_allclose(energy, strongest**2, rtol=1e-5)
-    np.testing.assert_allclose(V.T @ V, np.eye(count), atol=1e-10)
-    left = dense.T @ (dense @ V) - energy * V
-    assert (np.linalg.norm(left, axis=0) <= 2e-4 * energy).all()
 
 
 def test_rows_may_be_a_list():

@@ -17,7 +17,7 @@ from periscopy_sim.cli.output import outcome, output_folder, progress, say, warn
 from periscopy_sim.cli.reconstruct import OPTIONAL, write_report
 from periscopy_sim.cli.session import Session, WallSession
 from periscopy_sim.extras import require_all
-from periscopy_sim.reconstruction.registry import DEFAULT, libraries_of
+from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.storage.formats.exr import write_exr
 from periscopy_sim.storage.outputs.provenance import as_text
 from periscopy_sim.storage.pictures import write_png
@@ -79,7 +79,7 @@ def view(
 
 def check_page(host: str, port: int, method: str, *libraries: str) -> None:
     """Reject a page that cannot be served, before anything is loaded."""
-    require_all("websockets", *libraries_of(method), *libraries)
+    require_all("websockets", *libraries)
     from periscopy_sim.live.gate import listen
 
     listen(host, port).close()

@@ -22,7 +22,6 @@ from periscopy_sim.cli.study.study_file import ExampleOption, StudyOption
 from periscopy_sim.extras import SWEEP, require_all
 from periscopy_sim.figures.sweeps import draw_sweep, surfaces_of
 from periscopy_sim.numerics.limits import RANGES, in_range, number_of
-from periscopy_sim.reconstruction.registry import libraries_of
 from periscopy_sim.shipped import DARK
 from periscopy_sim.storage.formats.table import format_of
 from periscopy_sim.storage.outputs.staging import staged_file
@@ -88,7 +87,7 @@ def sweep(
     from periscopy_sim.evaluation.workers import thread_count
 
     names = options.parse_list("--methods", methods)
-    require_all(*SWEEP, *libraries_of(*names))
+    require_all(*SWEEP)
     if (photograph is None) == (not hidden_image) or (photograph is None) != (not truth):
         raise ps.PeriscopyError("give either --photograph with --truth, or --hidden-image alone")
     axes = parse_axes(vary)

@@ -5,12 +5,10 @@ import pytest
 
 from periscopy_sim.reconstruction.registry import METHODS
 
-ALONE = [name for name, entry in METHODS.items() if not entry.needs]  # the core install has all
-
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
 
-@pytest.mark.parametrize("method", [name for name in ALONE if name != "preconditioned"])
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "preconditioned"])
 def test_other_method_writes_its_image_and_what_it_reports(
     method, light, reconstruct, hidden, tmp_path
 ):

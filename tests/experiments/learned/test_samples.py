@@ -2,10 +2,14 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from experiments.learned.samples import as_displaced, ruler_values, solved
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.evaluation.metrics import shifted
 from periscopy_sim.rendering.scene.document import read_document
+
+pytest.importorskip("torch")
+pytestmark = pytest.mark.torch
+
+from experiments.learned.samples import as_displaced, ruler_values, solved  # noqa: E402
 
 
 def test_ruler_values_are_off_by_declared_errors_from_the_true_ones():

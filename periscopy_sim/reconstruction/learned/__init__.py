@@ -1,1 +1,0 @@
-"""Methods that learned from rendered photographs what hidden images look like."""
