@@ -42,16 +42,14 @@ WRITERS = {
     "tiled exr": save_tiled_exr,
     "npy": lambda path: np.save(path, LIGHT),
     "npz": lambda path: np.savez(path, photograph=LIGHT),
-    "compressed npz": lambda path: np.savez_compressed(path, photograph=LIGHT),
     "16-bit png": lambda path: png.from_array(COUNTS.reshape(6, -1), "RGB;16").save(path),
     "8-bit png": lambda path: Image.fromarray(CODES).save(path),
     "jpg": lambda path: Image.fromarray(CODES).save(path),
     "16-bit tif": lambda path: save_tiff(path, COUNTS),
-    "deflated tif": lambda path: save_tiff(path, COUNTS, compression="zlib"),
     "tiled float tif": lambda path: save_tiff(path, LIGHT, tile=(16, 16)),
     "8-bit tif": lambda path: Image.fromarray(CODES).save(path, compression="tiff_lzw"),
 }
-CHECKSUMMED = {"npz", "compressed npz", "16-bit png", "8-bit png"}
+CHECKSUMMED = {"npz", "16-bit png", "8-bit png"}
 
 
 @pytest.fixture(params=sorted(WRITERS))
@@ -150,16 +148,15 @@ READERS = {
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("reader", READERS)
-def test_numbers_that_break_programs_are_read_or_rejected(reader, sound):
+def test_numbers_that_break_programs_are_read_or_rejected(sound):
     _, content, _, path = sound
     rng = np.random.default_rng(4)
-    for _ in range(150):
+    for reader in [*READERS.values()] * 50:
         damage = edited(content, rng) if rng.random() < 0.4 else None
         path.unlink(missing_ok=True)
         path.write_bytes(damage or resealed(content, lambda data: edited(data, rng), rng))
         try:
-            values = READERS[reader](path)
+            values = reader(path)
         except PeriscopyError as error:
             assert str(error).isprintable() and len(str(error)) < 1000
         else:
