@@ -110,28 +110,6 @@ def column(scenario, tmp_path):
 
 
 @pytest.mark.usefixtures("few_lights")
-def test_light_of_a_lamp_is_taken_for_ambient(
-    succeeds, photographs, column, clip, scenario, transport, tmp_path
-):
-    lit = photographs[0] + 3 * photographs.mean() * column.reshape(24, 24, 1)
-    np.save(tmp_path / "y.npy", lit)
-    images = {}
-    # By the former name, too.
-    for source, name in (("B.npy", "--light-model"), ("grid", "--backgrounds")):
-        options = ("--method", "preconditioned", name, source, "--out", "out")
-        succeeds("reconstruct", "y.npy", "--scene", "chair", *TINY, *options)
-        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-        assert summary["ambient_prototypes"] == [source]
-        images[source] = np.load(tmp_path / "out" / "reconstruction.npy")
-    method = ps.Periscope.for_scene(scenario, transport, column[:, None])
-    np.testing.assert_allclose(images["B.npy"], method.reconstruct(lit), rtol=1e-3, atol=1e-4)
-    assert (
-        ps.psnr_gain_matched(images["B.npy"], clip[0])
-        > ps.psnr_gain_matched(images["grid"], clip[0]) + 3
-    )
-
-
-@pytest.mark.usefixtures("few_lights")
 def test_columns_of_several_sources_are_joined(column, scenario, tmp_path):
     light = LightOptions(light_model=[str(tmp_path / "B.npy"), "grid"])
     B = replace(scenario, light=light.of(scenario)).B

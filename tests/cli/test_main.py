@@ -60,7 +60,7 @@ def test_help_shows_every_option_with_its_form(succeeds):
 
 @pytest.mark.parametrize(
     ("words", "completions"),
-    [("rec", {"reconstruct"}), ("video y.npy --method ", {"noise-aware", "preconditioned"})],
+    [("video y.npy --method ", {"noise-aware", "preconditioned"})],
 )
 def test_shell_completes_commands_and_methods(words, completions):
     line = f"periscopy {words}"

@@ -66,16 +66,6 @@ def test_reconstruct_writes_each_surface_by_its_id(scene, succeeds, summary, tmp
     assert of_each("standard_error", "npy") < files
 
 
-def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
-    np.save(tmp_path / "one.npy", np.load(tmp_path / "y.npy"))
-    plate = ("--scene", "plate", "-D", "resolution=24", "--hidden", "3x4", "--uncertain", "none")
-    for options in (("--scene", scene, *HIDDEN), plate):
-        succeeds("reconstruct", "y.npy", *options, "--out", "out")
-    files = {path.name for path in (tmp_path / "out").iterdir()}
-    assert "reconstruction.npy" in files
-    assert not files & of_each("reconstruction", "npy", "png")
-
-
 def test_wrong_surfaces_are_named(scene, refused):
     for options, offender in [
         (("--hidden", "3x4", "--hidden", "3x2"), "'monitor', 'hidden_card'; .* ID=ROWSxCOLUMNS"),
@@ -195,32 +185,6 @@ def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp
     assert record["hidden_shape"] == {name: [*size] for name, size in SIZES.items()}
     line = refused(*given, "--shown", "bars", "--out", "no.xml")
     assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")
-
-
-MINE = """
-import numpy as np
-
-class LeastSquares:
-    def __init__(self, scenario, A, B):
-        self.hidden, self.inverse = scenario.hidden, np.linalg.pinv(np.hstack([A, B]), rcond=1e-9)
-
-    def reconstruct(self, y):
-        f = self.inverse @ y.reshape(-1, y.shape[-1])
-        return self.hidden.image(f[:self.hidden.patches])
-
-class Flat(LeastSquares):
-    def reconstruct(self, y):
-        return np.ones((3, 4, 3))
-"""
-
-
-def test_a_method_of_ones_own_returns_images_by_id(scene, succeeds, refused, summary, tmp_path):
-    (tmp_path / "mine.py").write_text(MINE)
-    options = ("--scene", scene, *HIDDEN, *TRUTH, "--out", "out")
-    succeeds("reconstruct", "y.npy", *options, "--method", "mine.py:LeastSquares")
-    assert min(summary()["psnr"].values()) > 30
-    flat = ("reconstruct", "y.npy", *options[:-1], "new", "--method", "mine.py:Flat")
-    assert "monitor, hidden_card; give an image of each by its id" in refused(*flat)
 
 
 @pytest.mark.thorough

@@ -149,13 +149,3 @@ def test_light_that_bounces_is_warned_of_in_any_channels(succeeds, kind, clip, s
     succeeds(command, "y.npy", *scene, *colours, "--out", "out")
     warnings = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
     assert any("--bounces all" in line for line in warnings)
-
-
-def test_smaller_patches_are_tried_for_a_video_too(succeeds, tmp_path):
-    """Noise of 60 dB, seed 0; 12 x 14 patches recovered as 6 x 7, see the same of one picture."""
-    scene = ps.load_scenario("chair", (12, 14), {"resolution": 32})
-    image = ps.read_hidden_image(ps.find_image("mushroom"), (12, 14)).reshape(-1, 3)
-    wall = (ps.transport(scene).astype(float) @ image).reshape(32, 32, 3)
-    np.save(tmp_path / "y.npy", np.stack([ps.add_noise(wall, 60, 0)] * 2))
-    size = "--scene", "chair", "-D", "resolution=32", "--hidden", "6x7"
-    assert "more patches" in succeeds("video", "y.npy", *size, "--out", "out")
