@@ -58,19 +58,10 @@ def test_help_shows_every_option_with_its_form(succeeds):
                 assert name in shown
 
 
-@pytest.mark.parametrize(
-    ("words", "completions"),
-    [("video y.npy --method ", {"noise-aware", "preconditioned"})],
-)
-def test_shell_completes_commands_and_methods(words, completions):
-    line = f"periscopy {words}"
-    ended = run(
-        *("-m", "periscopy_sim"),
-        _PERISCOPY_COMPLETE="complete_bash",
-        COMP_WORDS=line,
-        COMP_CWORD=str(len(line.split(" ")) - 1),
-    )
-    assert set(ended.stdout.split()) == completions and ended.stderr == ""
+def test_shell_completes_methods():
+    line = {"COMP_WORDS": "periscopy video y.npy --method ", "COMP_CWORD": "4"}
+    ended = run("-m", "periscopy_sim", _PERISCOPY_COMPLETE="complete_bash", **line)
+    assert set(ended.stdout.split()) == {"noise-aware", "preconditioned"} and ended.stderr == ""
 
 
 def test_what_a_user_can_fix_is_one_short_line(refused):

@@ -134,12 +134,3 @@ def test_map_is_signed_over_noise_or_in_percent(noise_alone, tmp_path, saved):
     assert low == -high and high >= (0 if noise_alone is None else 4)
     assert ("%" in figure.axes[-1].get_ylabel()) is (noise_alone is None)
     assert figure.get_supxlabel() == "a caption"
-
-
-@pytest.mark.parametrize("value", [0.0, np.nan])
-def test_map_of_nothing_is_drawn(tmp_path, value):
-    light = np.zeros((20, 30, 3))
-    light[0, 0] = value
-    given = Residual(light, 0.0, None, 0.0, None, "unknown")
-    draw_residual(tmp_path / "r.png", PHOTOGRAPH, given, metadata={"a": "b"})
-    assert read(tmp_path / "r.png")[0]["a"] == "b"

@@ -221,14 +221,6 @@ def test_what_is_masked_or_not_finite_is_left_aside():
     assert counts(y, mask) == [0, 1, 0]
 
 
-def test_form_of_the_array_does_not_matter():
-    for dtype in [">f4", ">f8", "<f4"]:
-        y = np.minimum(planted(0.0), 0.7).astype(dtype)
-        assert counts(np.asfortranarray(y)) == counts(y.astype(np.float64))
-        assert counts(y[..., 1]) == counts(y[..., 1:2])
-        assert counts(y)[0] > 100 and counts(y)[1] == len(PLACES)
-
-
 def test_two_hot_pixels_side_by_side_are_found():
     image = photograph("slope", 0.01)
     image[10, 10:12] = 3

@@ -59,13 +59,6 @@ def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path):
             assert len(photograph.warnings) == (values.dtype == np.uint8)
 
 
-def test_deep_tiff_is_read_as_it_is(tmp_path):
-    for values in COUNTS, COUNTS.astype(np.uint32), LIGHT.astype(np.float16), LIGHT:
-        tifffile.imwrite(tmp_path / "y.tif", values, photometric="rgb", tile=(16, 16))
-        photograph = read(tmp_path / "y.tif")
-        assert np.array_equal(photograph.values, values) and photograph.warnings == ()
-
-
 def test_planes_and_pages_of_tiff_come_back_as_rows_columns_channels(tmp_path):
     planes = np.ascontiguousarray(np.moveaxis(COUNTS, -1, 0))
     tifffile.imwrite(tmp_path / "planes.tif", planes, photometric="rgb", planarconfig="separate")
@@ -79,14 +72,6 @@ def test_npy_of_any_number_type_and_order(tmp_path):
         found = read(save_npy(tmp_path / "y.npy", values)).values
         assert found.dtype == np.dtype("=f8") and found.flags.c_contiguous
         assert np.array_equal(found, values)
-
-
-def test_8_bit_files_are_decoded_with_a_warning(tmp_path):
-    for name in ("y.png", "y.tif"):
-        Image.fromarray(CODES).save(tmp_path / name)
-        photograph = read(tmp_path / name)
-        assert np.allclose(photograph.values, srgb_decoded(CODES / 255), rtol=1e-13)
-        assert len(photograph.warnings) == 1
 
 
 def test_one_channel_is_grey(tmp_path):
