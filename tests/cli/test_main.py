@@ -50,12 +50,8 @@ def test_help_shows_every_option_with_its_form(succeeds):
         for parameter in PARSER.get_command(None, command).params:
             assert parameter.help, parameter.name
             if not getattr(parameter, "hidden", False):
-                name = (
-                    parameter.opts[0]
-                    if parameter.param_type_name == "option"
-                    else parameter.metavar
-                )
-                assert name in shown
+                is_option = parameter.param_type_name == "option"
+                assert (parameter.opts[0] if is_option else parameter.metavar) in shown
 
 
 def test_shell_completes_methods():
@@ -128,6 +124,8 @@ def test_all_missing_extras_are_named_at_once(lacking, extras, options, monkeypa
 
 
 def test_missing_file_is_named_before_the_scene_is_loaded(monkeypatch, refused):
+    monkeypatch.setattr(Session, "scenario", property(lambda _: pytest.fail("loaded")))
+    Path("y.npy").write_bytes(b"")
     for options in [
         *(f"reconstruct y.npy --scene plate --{each}" for each in
           ("mask", "monitor-off", "transport", "colour-matrix", "truth", "light-model")),
@@ -142,8 +140,6 @@ def test_missing_file_is_named_before_the_scene_is_loaded(monkeypatch, refused):
         "analyze plate --mask", "design plate --vary occluder_dx=0:1 --images",
         "watch . --mask", "ambient --scene plate",
     ]:  # fmt: skip
-        monkeypatch.setattr(Session, "scenario", property(lambda _: pytest.fail("loaded")))
-        Path("y.npy").write_bytes(b"")
         command, *words = options.split()
         scene = ("--scene", "plate") if command in ("video", "watch") else ()
         size = () if command in ("prepare", "ambient") else ("--hidden", "3x4")

@@ -76,15 +76,15 @@ def test_shipped_ambient_light_is_path_traced_by_its_name(shoot):
 
 
 def test_impossible_light_is_refused(refused, tmp_path):
+    np.save(tmp_path / "ambient.npy", AMBIENT)
+    np.save(tmp_path / "dark.npy", -AMBIENT)
+    np.save(tmp_path / "small.npy", AMBIENT[::2, ::2])
     for options, offender in [
         (("--ambient", "ambient.npy"), "--sbr"),
         (("--ambient", "overcas", "--sbr", "1"), "overcast'"),
         (("--ambient", "dark.npy", "--sbr", "1"), "dark.npy"),
         (("--ambient", "small.npy", "--sbr", "1"), "12 x 12"),
     ]:
-        np.save(tmp_path / "ambient.npy", AMBIENT)
-        np.save(tmp_path / "dark.npy", -AMBIENT)
-        np.save(tmp_path / "small.npy", AMBIENT[::2, ::2])
         assert offender in refused(
             "photograph", "chair", "bars", *PHOTO, *options, "--out", "y.exr"
         )

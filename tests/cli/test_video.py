@@ -110,13 +110,13 @@ def test_truth_adds_metrics_and_a_contact_sheet(photographs, video, clip, tmp_pa
 
 
 def test_impossible_option_is_refused(refused, clip, tiny, tmp_path):
+    np.save(tmp_path / "y.npy", np.random.default_rng(0).uniform(1, 2, (3, 24, 24, 3)))
+    np.save(tmp_path / "two.npy", clip[:2])
     for options, offender in [
         (("--coupling", "none", "--l1-weight", "1"), "--l1-weight"),
         (("--also", "avi"), "avi"),
         (("--truth", "two.npy"), "two.npy"),
     ]:
-        np.save(tmp_path / "y.npy", np.random.default_rng(0).uniform(1, 2, (3, 24, 24, 3)))
-        np.save(tmp_path / "two.npy", clip[:2])
         assert offender in refused("video", "y.npy", *tiny, *PAPER, *options, "--out", "out")
 
 

@@ -113,6 +113,7 @@ def test_commands_take_a_camera(scene, succeeds, tmp_path):
 
 
 def test_wrong_views_are_named(scene, refused, tmp_path):
+    (tmp_path / "own.py").write_text("def Own(scenario, A, B): ...\n")
     for arguments, offender in [
         ("left.npy", r"no sensor .* 'camera' \('left', 'right'\)"),
         ("left.npy --camera middle", r"'middle' \('left', 'right'\)"),
@@ -132,7 +133,6 @@ def test_wrong_views_are_named(scene, refused, tmp_path):
         ),
         ("left.npy right.npy {} --method own.py:Own", "own.py:Own: it takes one view"),
     ]:
-        (tmp_path / "own.py").write_text("def Own(scenario, A, B): ...\n")
         words = arguments.format(" ".join(VIEWS)).split()
         line = refused("reconstruct", *words, *options_of(scene))
         assert re.search(offender, line), line

@@ -92,6 +92,14 @@ def test_bin_sets_the_films_size_and_says_how(photo, succeeds, tmp_path):
 
 
 def test_bad_input_is_refused_by_one_line(photo, refused, tmp_path):
+    bad, off = wall_points(), wall_points()
+    bad[3, 0] += 9
+    off[2, 3] = 1.3
+    for name, rows in {"bad.csv": bad, "off.csv": off}.items():
+        write_points(tmp_path / name, rows)
+    Image.new("L", (5, 5), 255).save(tmp_path / "five.png")
+    save(tmp_path / "five.tif", np.ones((5, 5, 3)))
+    Image.new("L", (24, 24), 255).save(tmp_path / "wall_mask.png")
     for options, offender in [
         (("--points", "bad.csv"), "bad.csv, line 5"),
         (("--points", "off.csv"), "off.csv, line 4"),
@@ -102,14 +110,6 @@ def test_bad_input_is_refused_by_one_line(photo, refused, tmp_path):
         (("--mask", "wall_mask.png"), "wall_mask.png"),
         (("-D", "resolution=25"), "25 x 25"),
     ]:
-        bad, off = wall_points(), wall_points()
-        bad[3, 0] += 9
-        off[2, 3] = 1.3
-        for name, rows in {"bad.csv": bad, "off.csv": off}.items():
-            write_points(tmp_path / name, rows)
-        Image.new("L", (5, 5), 255).save(tmp_path / "five.png")
-        save(tmp_path / "five.tif", np.ones((5, 5, 3)))
-        Image.new("L", (24, 24), 255).save(tmp_path / "wall_mask.png")
         scene = SCENE[:2] if "resolution" in str(options) or "--bin" in options else SCENE
         assert offender in refused("prepare", photo, *scene, *options, "--out", "wall.exr")
 

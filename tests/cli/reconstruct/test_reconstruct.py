@@ -67,6 +67,7 @@ def test_estimate_is_the_pseudoinverse_of_the_model_asked_for(model, reconstruct
 
 
 def test_impossible_option_is_refused(refused, tiny, tmp_path):
+    np.save(tmp_path / "y.npy", COUNTS)
     for options, offender in [
         (("--method", "magic"), "'magic'"),
         (("--tv-weight", "-1"), "'--tv-weight'"),
@@ -75,7 +76,6 @@ def test_impossible_option_is_refused(refused, tiny, tmp_path):
         (("--uncertain", "occluder_x=1"), "'occluder_dx'"),
         (("--uncertain", "occluder_dx", "--method", "iterative"), "iterative"),
     ]:
-        np.save(tmp_path / "y.npy", COUNTS)
         assert offender in refused("reconstruct", "y.npy", *tiny, *options, "--out", "out")
 
 
