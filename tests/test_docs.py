@@ -132,31 +132,29 @@ def test_blocks_that_are_not_run_only_call_make():
                 assert words[0] == "make" and words[1] in targets and len(words) == 2, block
 
 
-@pytest.mark.parametrize(
-    "block", [block for block in BLOCKS if block.language == "sh"], ids=lambda block: str(block)
-)
-def test_commands_are_those_of_the_command_line(block, tmp_path, monkeypatch):
+def test_commands_are_those_of_the_command_line(tmp_path, monkeypatch):
     """Without running them: every command and option is known, and its value of the right type."""
     monkeypatch.chdir(tmp_path)
     command = typer.main.get_command(app)
-    seen = 0
-    for words in commands_of(block):
-        arguments = words[: words.index(">")] if ">" in words else words
-        assert arguments[0] == "periscopy", f"{block}: {words}"
-        words = [re.fullmatch(r"(?:\w+=)?([\w/]+\.[a-z]+)", word) for word in arguments]
-        for file in (Path(word[1]) for word in words if word):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            # Inputs must exist, and a study is read at once.
-            file.write_bytes(STUDY.read_bytes() if file.name == "study.yaml" else b"")
-        group, context, rest = command, None, arguments[1:]
-        while hasattr(group, "commands"):
-            context = group.make_context(group.name, list(rest), parent=context)
-            rest = [*context._protected_args, *context.args]
-            name, group, rest = group.resolve_command(context, rest)
-        with suppress(typer.Exit):  # of what is printed at once, as an example
-            group.make_context(name, list(rest), parent=context)
-        seen += 1
-    assert seen
+    for block in (each for each in BLOCKS if each.language == "sh"):
+        seen = 0
+        for words in commands_of(block):
+            arguments = words[: words.index(">")] if ">" in words else words
+            assert arguments[0] == "periscopy", f"{block}: {words}"
+            words = [re.fullmatch(r"(?:\w+=)?([\w/]+\.[a-z]+)", word) for word in arguments]
+            for file in (Path(word[1]) for word in words if word):
+                file.parent.mkdir(parents=True, exist_ok=True)
+                # Inputs must exist, and a study is read at once.
+                file.write_bytes(STUDY.read_bytes() if file.name == "study.yaml" else b"")
+            group, context, rest = command, None, arguments[1:]
+            while hasattr(group, "commands"):
+                context = group.make_context(group.name, list(rest), parent=context)
+                rest = [*context._protected_args, *context.args]
+                name, group, rest = group.resolve_command(context, rest)
+            with suppress(typer.Exit):  # of what is printed at once, as an example
+                group.make_context(name, list(rest), parent=context)
+            seen += 1
+        assert seen
 
 
 LINKED = {

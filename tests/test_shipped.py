@@ -27,15 +27,15 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["chair", "chair.xml", "scenes/chair.xml", Path("scenes/chair")])
-def test_shipped_scene_goes_by_name_or_by_its_path_in_a_checkout(name):
-    assert find_scene(name) == CHAIR
-    assert CHAIR.is_file()
+def test_shipped_scene_goes_by_name_or_by_its_path_in_a_checkout():
+    for name in ["chair", "chair.xml", "scenes/chair.xml", Path("scenes/chair")]:
+        assert find_scene(name) == CHAIR
+        assert CHAIR.is_file()
 
 
-@pytest.mark.parametrize("name", ["mushroom", "images/mushroom.png", "scenes/images/mushroom.png"])
-def test_shipped_image_goes_by_name_or_by_its_path_in_a_checkout(name):
-    assert find_image(name) == scenes_folder() / "images" / "mushroom.png"
+def test_shipped_image_goes_by_name_or_by_its_path_in_a_checkout():
+    for name in ["mushroom", "images/mushroom.png", "scenes/images/mushroom.png"]:
+        assert find_image(name) == scenes_folder() / "images" / "mushroom.png"
 
 
 def test_a_file_of_ones_own_comes_before_a_shipped_one(tmp_path):
@@ -72,13 +72,11 @@ ELSEWHERE = (
 )
 
 
-@pytest.mark.parametrize(
-    "name", ["", ".", "scenes", "images", "chair.obj", "chair.xml.bak", *ELSEWHERE]
-)
-def test_a_missing_file_is_not_taken_for_a_shipped_one(name, tmp_path):
-    (tmp_path / "own.xml").write_text("<scene/>")
-    for find in (find_scene, find_image):
-        refusal(find, name.format(tmp_path))
+def test_a_missing_file_is_not_taken_for_a_shipped_one(tmp_path):
+    for name in ["", ".", "scenes", "images", "chair.obj", "chair.xml.bak", *ELSEWHERE]:
+        (tmp_path / "own.xml").write_text("<scene/>")
+        for find in (find_scene, find_image):
+            refusal(find, name.format(tmp_path))
 
 
 def place(folder):

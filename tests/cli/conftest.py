@@ -107,6 +107,18 @@ def few_lights(monkeypatch):
 
 
 @pytest.fixture
+def every_wall_point():
+    """Ask for the points of pixels as they are, where numbers depend on them; see below."""
+
+
+@pytest.fixture(autouse=True)
+def few_wall_points(request, monkeypatch):
+    """Average A by areas over fewer points of each pixel: small photographs cost as large ones."""
+    if "every_wall_point" not in request.fixturenames:
+        monkeypatch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 48)
+
+
+@pytest.fixture
 def few_paths(monkeypatch):
     """Trace few paths in a round of ambient light, one of which is as exact as tests need."""
     monkeypatch.setattr("periscopy_sim.rendering.ambient.background.RAYS", 16)

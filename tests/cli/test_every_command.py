@@ -93,8 +93,13 @@ def inputs(tmp_path_factory):
     return folder
 
 
+def shown_by(names):
+    """Run these commands always, the others by `make test-thorough`."""
+    return [pytest.param(n, marks=[] if n in names else pytest.mark.thorough) for n in MODULES]
+
+
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("command", MODULES)
+@pytest.mark.parametrize("command", shown_by({"doctor", "view", "reconstruct", "transport"}))
 def test_command_runs_in_a_fresh_process(command, inputs):
     pytest.importorskip(EXTRAS.get(command, "numpy"))
     # What the tests' own process has chosen does not count; what a notebook passes on may be wrong.
@@ -150,23 +155,38 @@ AGAINST = "does not fit", "Do not trust"
 """Words of verdicts that `-q` prints as warnings; small inputs have them."""
 
 
+@pytest.fixture
+def run(inputs, periscopy, monkeypatch):
+    """Run a command of the table in the tests' own process, with another option."""
+
+    def run(command, option):
+        pytest.importorskip(EXTRAS.get(command, "numpy"))
+        monkeypatch.chdir(inputs)
+        *words, out = WORDS[command]
+        return periscopy(*words, option[1:] + out if "--out" in words else out, option)
+
+    return run
+
+
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("command", [name for name in MODULES if name != "view"])
-def test_quiet_prints_nothing_and_json_one_object(command, inputs, periscopy, monkeypatch):
-    pytest.importorskip(EXTRAS.get(command, "numpy"))
-    monkeypatch.chdir(inputs)
-    *words, out = WORDS[command]
-    writes = "--out" in words
-    files = [f"{each}_{out}" if writes else out for each in ("quiet", "json")]
-    quiet, as_json = (
-        periscopy(*words, file, option)
-        for file, option in zip(files, ("-q", "--json"), strict=True)
-    )
+@pytest.mark.parametrize("command", shown_by({"prepare", "watch", "photograph"}))
+def test_quiet_prints_nothing(command, run):
+    if command == "view":
+        pytest.skip("runs until it is interrupted")
+    quiet = run(command, "-q")
     assert quiet.code == 0
     assert len(quiet.out.splitlines()) == (command == "watch")  # whose page has an address
     assert all(line.startswith(WARNING) for line in quiet.told.splitlines())
     lines = quiet.told.splitlines()
     check_warnings(command, [line for line in lines if not any(each in line for each in AGAINST)])
+
+
+@pytest.mark.usefixtures("jit")
+@pytest.mark.parametrize("command", shown_by({*MODULES} - {"demo", "calibrate", "design"}))
+def test_json_is_one_object(command, run, inputs):
+    if command == "view":
+        pytest.skip("runs until it is interrupted")
+    as_json, writes = run(command, "--json"), "--out" in WORDS[command]
     assert as_json.code == 0 and "\x1b" not in as_json.out + as_json.told
     numbers = json.loads(as_json.out)
     assert {*KEYS.get(command, ()), "files", "warnings"} <= numbers.keys()

@@ -44,34 +44,24 @@ def test_help_lists_every_command_in_whole_lines(succeeds, monkeypatch):
     assert succeeds("--version").startswith("periscopy_sim ")
 
 
-@pytest.mark.parametrize("command", sorted({*cli.MODULES} - {"dataset"}))
-def test_help_shows_every_option_with_its_form(command, succeeds):
-    shown = succeeds(command, "--help")
-    for parameter in PARSER.get_command(None, command).params:
-        assert parameter.help, parameter.name
-        if not getattr(parameter, "hidden", False):
-            name = parameter.opts[0] if parameter.param_type_name == "option" else parameter.metavar
-            assert name in shown
+def test_help_shows_every_option_with_its_form(succeeds):
+    for command in sorted({*cli.MODULES} - {"dataset"}):
+        shown = succeeds(command, "--help")
+        for parameter in PARSER.get_command(None, command).params:
+            assert parameter.help, parameter.name
+            if not getattr(parameter, "hidden", False):
+                is_option = parameter.param_type_name == "option"
+                assert (parameter.opts[0] if is_option else parameter.metavar) in shown
 
 
-@pytest.mark.parametrize(
-    ("words", "completions"),
-    [("rec", {"reconstruct"}), ("video y.npy --method ", {"noise-aware", "preconditioned"})],
-)
-def test_shell_completes_commands_and_methods(words, completions):
-    line = f"periscopy {words}"
-    ended = run(
-        *("-m", "periscopy_sim"),
-        _PERISCOPY_COMPLETE="complete_bash",
-        COMP_WORDS=line,
-        COMP_CWORD=str(len(line.split(" ")) - 1),
-    )
-    assert set(ended.stdout.split()) == completions and ended.stderr == ""
+def test_shell_completes_methods():
+    line = {"COMP_WORDS": "periscopy video y.npy --method ", "COMP_CWORD": "4"}
+    ended = run("-m", "periscopy_sim", _PERISCOPY_COMPLETE="complete_bash", **line)
+    assert set(ended.stdout.split()) == {"noise-aware", "preconditioned"} and ended.stderr == ""
 
 
-@pytest.mark.parametrize(
-    ("arguments", "offender"),
-    [
+def test_what_a_user_can_fix_is_one_short_line(refused):
+    for arguments, offender in [
         (("paint",), "'paint'"),
         (("reconstuct", "y.npy"), "did you mean 'reconstruct'?"),
         (("ambient", "overcst", "--scene", "chair", "--out", "a"), "did you mean 'overcast'?"),
@@ -86,11 +76,9 @@ def test_shell_completes_commands_and_methods(words, completions):
         ((*TRANSPORT[:-1], "s3://bucket/A.npy"), "s3:/bucket/A.npy: it is a URL"),
         ((*SWEEP, "--ambient", "all,gs://y.exr", "--out", "s"), "gs:/y.exr: is a URL"),
         (("transport", os.fsdecode(b"\xe9.xml"), *TINY, "--out", "A.npy"), "udce9"),
-    ],
-)
-def test_what_a_user_can_fix_is_one_short_line(arguments, offender, refused):
-    line = refused(*arguments)
-    assert offender in line and len(line) < 1200
+    ]:
+        line = refused(*arguments)
+        assert offender in line and len(line) < 1200
 
 
 @pytest.mark.usefixtures("few_lights")
@@ -132,9 +120,10 @@ def test_all_missing_extras_are_named_at_once(lacking, extras, options, monkeypa
     assert f"'.[{extras}]'" in line and all(library in line for library in lacking.split())
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
+def test_missing_file_is_named_before_the_scene_is_loaded(monkeypatch, refused):
+    monkeypatch.setattr(Session, "scenario", property(lambda _: pytest.fail("loaded")))
+    Path("y.npy").write_bytes(b"")
+    for options in [
         *(f"reconstruct y.npy --scene plate --{each}" for each in
           ("mask", "monitor-off", "transport", "colour-matrix", "truth", "light-model")),
         *(f"calibrate y.npy --scene plate --out c.xml {each}" for each in ("--mask", "--shown")),
@@ -147,16 +136,12 @@ def test_all_missing_extras_are_named_at_once(lacking, extras, options, monkeypa
         *(f"photograph plate --out p.exr {each}" for each in ("", "bars --sbr 1 --ambient")),
         "analyze plate --mask", "design plate --vary occluder_dx=0:1 --images",
         "watch . --mask", "ambient --scene plate",
-    ],
-)  # fmt: skip
-def test_missing_file_is_named_before_the_scene_is_loaded(options, monkeypatch, refused):
-    monkeypatch.setattr(Session, "scenario", property(lambda _: pytest.fail("loaded")))
-    Path("y.npy").write_bytes(b"")
-    command, *words = options.split()
-    scene = ("--scene", "plate") if command in ("video", "watch") else ()
-    size = () if command in ("prepare", "ambient") else ("--hidden", "3x4")
-    out = () if "--out" in words or command in ("view", "watch") else ("--out", "out")
-    assert "none.npy" in refused(command, *scene, *size, *out, *words, "none.npy")
+    ]:  # fmt: skip
+        command, *words = options.split()
+        scene = ("--scene", "plate") if command in ("video", "watch") else ()
+        size = () if command in ("prepare", "ambient") else ("--hidden", "3x4")
+        out = () if "--out" in words or command in ("view", "watch") else ("--out", "out")
+        assert "none.npy" in refused(command, *scene, *size, *out, *words, "none.npy")
 
 
 def test_place_that_cannot_be_written_is_refused_before_anything_is_read(refused):

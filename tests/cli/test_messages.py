@@ -1,14 +1,12 @@
 import numpy as np
-import pytest
 
 from periscopy_sim.cli import messages
 from periscopy_sim.model.residual import Residual
 from periscopy_sim.reconstruction.method import Note, Report
 
 
-@pytest.mark.parametrize(
-    ("diagnosis", "unexplained", "noise", "excess", "code"),
-    [
+def test_verdict_is_one_line_of_eighty_columns():
+    for diagnosis, unexplained, noise, excess, code in [
         ("fits", 0.0071, 0.007, 1.0, "fits"),
         ("fits", 0.0081, 0.007, 9.0, "nearly_fits"),
         ("fits", 1e-7, 1e-8, 9.0, "fits"),
@@ -18,15 +16,13 @@ from periscopy_sim.reconstruction.method import Note, Report
         ("unknown", 0.01, None, None, "not_judged"),
         ("fits", 0.2, 0.007, 9.0, "unexplained"),
         (None, 0, 0, 0, "no_residual"),
-    ],
-)
-def test_verdict_is_one_line_of_eighty_columns(diagnosis, unexplained, noise, excess, code):
-    light = np.zeros((4, 4, 3))
-    residual = Residual(light, unexplained, unexplained, noise, excess, diagnosis)
-    remedy = Note("better_transport", {"remedy": "areas"})
-    remedies = [remedy] if code == "does_not_fit" else []
-    report = Report(residual=residual if diagnosis else None, remedies=remedies)
-    assert report.verdict.code == code
-    line = messages.verdict(report, with_remedies=True)
-    assert line.endswith("Pass --model analytic.") == bool(remedies)
-    assert len(line) <= 80 and "\n" not in line
+    ]:
+        light = np.zeros((4, 4, 3))
+        residual = Residual(light, unexplained, unexplained, noise, excess, diagnosis)
+        remedy = Note("better_transport", {"remedy": "areas"})
+        remedies = [remedy] if code == "does_not_fit" else []
+        report = Report(residual=residual if diagnosis else None, remedies=remedies)
+        assert report.verdict.code == code
+        line = messages.verdict(report, with_remedies=True)
+        assert line.endswith("Pass --model analytic.") == bool(remedies)
+        assert len(line) <= 80 and "\n" not in line

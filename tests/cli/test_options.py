@@ -36,9 +36,8 @@ def test_forms_are_read():
     assert parse_errors("a, b=0.5", "--free") == {"a": None, "b": 0.5}
 
 
-@pytest.mark.parametrize(
-    ("read", "text", "offender"),
-    [
+def test_malformed_list_is_refused_by_name():
+    for read, text, offender in [
         (size_of, "29x36x3", "ROWSxCOLUMNS"),
         (size_of, "-1x5", "ROWSxCOLUMNS"),
         (size_of, "9" * 5000 + "x1", "ROWSxCOLUMNS"),
@@ -49,11 +48,9 @@ def test_forms_are_read():
         (lambda text: parse_errors(text, "--free"), "a=wide", "a=wide"),
         (lambda text: parse_errors(text, "--free"), "a=١٢", "a=١٢"),
         (lambda text: parse_ranges(text, "--vary"), "a=0:1e308", "a=0:1e308"),
-    ],
-)
-def test_malformed_list_is_refused_by_name(read, text, offender):
-    with pytest.raises(PeriscopyError, match=offender):
-        read(text)
+    ]:
+        with pytest.raises(PeriscopyError, match=offender):
+            read(text)
 
 
 def test_errors_are_those_given_or_declared():
@@ -101,13 +98,14 @@ def test_defaults_are_those_of_the_method():
     assert settings_for("mine.py:Own", {"weight": None}, TWO) == {}
 
 
-@pytest.mark.parametrize(
-    ("method", "given"),
-    [("second", {"l": 1}), ("mine.py:Own", {"weight": 1}), ("first", {"weight": 0.4})],
-)
-def test_option_of_another_method_is_refused(method, given):
-    with pytest.raises(PeriscopyError, match=f"--{next(iter(given))}"):
-        settings_for(method, given, TWO)
+def test_option_of_another_method_is_refused():
+    for method, given in [
+        ("second", {"l": 1}),
+        ("mine.py:Own", {"weight": 1}),
+        ("first", {"weight": 0.4}),
+    ]:
+        with pytest.raises(PeriscopyError, match=f"--{next(iter(given))}"):
+            settings_for(method, given, TWO)
 
 
 def test_weights_of_another_coupling_are_left_out():

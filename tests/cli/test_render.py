@@ -75,20 +75,19 @@ def test_shipped_ambient_light_is_path_traced_by_its_name(shoot):
     assert rest.mean() == pytest.approx(2 / 3, rel=1e-3) and rest.min() > 0
 
 
-@pytest.mark.parametrize(
-    ("options", "offender"),
-    [
+def test_impossible_light_is_refused(refused, tmp_path):
+    np.save(tmp_path / "ambient.npy", AMBIENT)
+    np.save(tmp_path / "dark.npy", -AMBIENT)
+    np.save(tmp_path / "small.npy", AMBIENT[::2, ::2])
+    for options, offender in [
         (("--ambient", "ambient.npy"), "--sbr"),
         (("--ambient", "overcas", "--sbr", "1"), "overcast'"),
         (("--ambient", "dark.npy", "--sbr", "1"), "dark.npy"),
         (("--ambient", "small.npy", "--sbr", "1"), "12 x 12"),
-    ],
-)
-def test_impossible_light_is_refused(options, offender, refused, tmp_path):
-    np.save(tmp_path / "ambient.npy", AMBIENT)
-    np.save(tmp_path / "dark.npy", -AMBIENT)
-    np.save(tmp_path / "small.npy", AMBIENT[::2, ::2])
-    assert offender in refused("photograph", "chair", "bars", *PHOTO, *options, "--out", "y.exr")
+    ]:
+        assert offender in refused(
+            "photograph", "chair", "bars", *PHOTO, *options, "--out", "y.exr"
+        )
 
 
 SKY = ("ambient", "overcast", "--scene", "chair", "-D", "resolution=12", "--target", "0.01")

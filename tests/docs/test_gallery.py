@@ -17,26 +17,22 @@ def tree_of(script):
     return ast.parse(script.read_text("utf-8"))
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-class TestScript:
-    def test_lies_in_a_section_that_the_gallery_lists(self, script):
-        listed = re.findall(r'"(\w+)"', re.search(r"for name in \((.*?)\)", CONFIGURATION)[1])
+CONFIGURATION = (ROOT / "docs" / "conf.py").read_text("utf-8")
+
+
+def test_scripts_are_listed_take_public_names_assert_and_draw_from_a_seed():
+    listed = re.findall(r'"(\w+)"', re.search(r"for name in \((.*?)\)", CONFIGURATION)[1])
+    for script in SCRIPTS:
         assert script.parent.name in listed and script.parent.parent == EXAMPLES
         assert (script.parent / "GALLERY_HEADER.rst").is_file()
-
-    def test_takes_public_names_alone(self, script):
         tree = tree_of(script)
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ImportFrom):
-                assert not (node.module or "").startswith("periscopy_sim"), script
         taken = names_taken(tree)
         assert taken and taken <= set(ps.__all__), taken - set(ps.__all__)
-
-    def test_asserts_what_it_claims(self, script):
-        assert any(isinstance(node, ast.Assert) for node in ast.walk(tree_of(script))), script
-
-    def test_draws_from_a_seed(self, script):
-        for node in ast.walk(tree_of(script)):
+        nodes = [*ast.walk(tree)]
+        assert any(isinstance(node, ast.Assert) for node in nodes), script
+        for node in nodes:
+            if isinstance(node, ast.ImportFrom):
+                assert not (node.module or "").startswith("periscopy_sim"), script
             if isinstance(node, ast.Call):
                 name = ast.unparse(node.func)
                 if name.endswith("default_rng"):
@@ -44,9 +40,6 @@ class TestScript:
                 if name == "ps.add_noise":
                     assert {"seed"} <= {keyword.arg for keyword in node.keywords}, script
                 assert not name.startswith("np.random.") or name.endswith("default_rng"), script
-
-
-CONFIGURATION = (ROOT / "docs" / "conf.py").read_text("utf-8")
 
 
 @pytest.mark.slow

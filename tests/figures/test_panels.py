@@ -35,16 +35,16 @@ def test_panels_of_different_shapes_show_their_images_in_srgb(tmp_path):
     assert np.nonzero(first)[1].max() < np.nonzero(second)[1].min()
 
 
-@pytest.mark.parametrize("channels", [1, 2, 5])
-def test_pictures_of_other_channels_are_grey_or_show_the_first_three(tmp_path, channels):
+def test_pictures_of_other_channels_are_grey_or_show_the_first_three(tmp_path):
     """Linear 0.2140 is 0.5 in sRGB, 0.0513 is 0.25; two channels show their mean."""
-    bands = np.array([0.21404, 0.05127, 1.0, 0.9, 0.9])[:channels]
-    if channels == 2:
-        bands = np.array([0.21404, 0.21404])
-    draw_panels(tmp_path / "p.png", [("p", np.broadcast_to(bands, (8, 8, channels)))])
-    _, pixels = read(tmp_path / "p.png")
-    shown = [127.5] * 3 if channels < 3 else [127.5, 63.8, 255]
-    assert covers(pixels, shown).sum() > 0.4 * pixels.shape[0] * pixels.shape[1]
+    for channels in [1, 2, 5]:
+        bands = np.array([0.21404, 0.05127, 1.0, 0.9, 0.9])[:channels]
+        if channels == 2:
+            bands = np.array([0.21404, 0.21404])
+        draw_panels(tmp_path / "p.png", [("p", np.broadcast_to(bands, (8, 8, channels)))])
+        _, pixels = read(tmp_path / "p.png")
+        shown = [127.5] * 3 if channels < 3 else [127.5, 63.8, 255]
+        assert covers(pixels, shown).sum() > 0.4 * pixels.shape[0] * pixels.shape[1]
 
 
 def test_strips_are_stretched_to_a_legible_height(tmp_path):
@@ -134,12 +134,3 @@ def test_map_is_signed_over_noise_or_in_percent(noise_alone, tmp_path, saved):
     assert low == -high and high >= (0 if noise_alone is None else 4)
     assert ("%" in figure.axes[-1].get_ylabel()) is (noise_alone is None)
     assert figure.get_supxlabel() == "a caption"
-
-
-@pytest.mark.parametrize("value", [0.0, np.nan])
-def test_map_of_nothing_is_drawn(tmp_path, value):
-    light = np.zeros((20, 30, 3))
-    light[0, 0] = value
-    given = Residual(light, 0.0, None, 0.0, None, "unknown")
-    draw_residual(tmp_path / "r.png", PHOTOGRAPH, given, metadata={"a": "b"})
-    assert read(tmp_path / "r.png")[0]["a"] == "b"

@@ -33,9 +33,8 @@ def test_least_laboratory(tmp_path):
     assert found.occluders == () and found.folder == tmp_path.resolve()
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
+def test_mistakes_are_told_with_their_line(tmp_path):
+    for old, new, message in [
         ("distance: 1 m", "distance: 1", r"line 2, wall.distance: 1 has no unit; write it as in"),
         ("distance: 1 m", "distance: -1 m", r"line 2, wall.distance: '-1 m' is not positive"),
         ("wall: {distance: 1 m}", "wall: {}", r"line 2, wall.distance: is missing$"),
@@ -47,21 +46,18 @@ def test_least_laboratory(tmp_path):
         ("kind: rectified", "kind: oblique", r"line 3, camera: .*'oblique'"),
         ("angle: 1 deg", "angle: 0 deg", r"line 1, errors.angle: '0 deg' is not positive"),
         ("distance: 1 m", "distance: 1 m, reflectance: 2", r"line 2, wall.reflectance"),
-    ],
-)
-def test_mistakes_are_told_with_their_line(tmp_path, old, new, message):
-    assert old in LEAST
-    with pytest.raises(ConfigurationError, match=message) as caught:
-        load_laboratory(written(tmp_path, LEAST.replace(old, new, 1)))
-    assert "\n" not in str(caught.value)
+    ]:
+        assert old in LEAST
+        with pytest.raises(ConfigurationError, match=message) as caught:
+            load_laboratory(written(tmp_path, LEAST.replace(old, new, 1)))
+        assert "\n" not in str(caught.value)
 
 
 BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 1 cm, height: 1 cm}"
 
 
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
+def test_mistakes_of_occluders_are_told(tmp_path):
+    for entry, message in [
         (BOX.replace("NAME", "wall"), "'wall' is no name"),
         (BOX.replace("NAME", "hidden_box"), "'hidden_box' is no name"),
         (BOX.replace("NAME", "b").replace("width: 1", "width: 0"), r"\[0\].width: '0 cm' is not"),
@@ -81,11 +77,9 @@ BOX = "{kind: box, name: NAME, position: [0 m, 50 cm, 0 m], width: 1 cm, depth: 
             "occluder 'b' stands with 'r'",
         ),
         (BOX.replace("NAME", "b") + f", {BOX.replace('NAME', 'b')}", "called 'b'"),
-    ],
-)
-def test_mistakes_of_occluders_are_told(tmp_path, entry, message):
-    with pytest.raises(ConfigurationError, match=message):
-        load_laboratory(written(tmp_path, f"{LEAST}occluders: [{entry}]\n"))
+    ]:
+        with pytest.raises(ConfigurationError, match=message):
+            load_laboratory(written(tmp_path, f"{LEAST}occluders: [{entry}]\n"))
 
 
 def test_every_mistake_is_told_at_once(tmp_path):

@@ -7,9 +7,8 @@ def length(given):
     return parse_quantity(given, LENGTHS, "12.5 cm +- 3 mm")
 
 
-@pytest.mark.parametrize(
-    ("text", "value", "error"),
-    [
+def test_length_is_read_in_metres_and_rounded_once():
+    for text, value, error in [
         ("12.5 cm +- 3 mm", 0.125, 0.003),
         ("12.5cm±3mm", 0.125, 0.003),
         ("  -1.03 m +/- .5 cm ", -1.03, 0.005),
@@ -18,10 +17,8 @@ def length(given):
         ("+1e2 mm +- 0 mm", 0.1, 0),
         ("1 in", 0.0254, None),
         ("2 ft +- 1 in", 0.6096, 0.0254),
-    ],
-)
-def test_length_is_read_in_metres_and_rounded_once(text, value, error):
-    assert length(text) == Measured(value, error)
+    ]:
+        assert length(text) == Measured(value, error)
 
 
 def test_angles_and_bare_numbers():
@@ -31,9 +28,8 @@ def test_angles_and_bare_numbers():
     assert parse_quantity(18, {}, "18 +- 2") == Measured(18, None)
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
+def test_what_is_no_length_is_refused():
+    for given, said in [
         (1.03, "1.03 has no unit"),
         ("1.03", "1.03 has no unit"),
         ("1.03 m +- 3", "1.03 m [+]- 3 has no unit"),
@@ -45,8 +41,6 @@ def test_angles_and_bare_numbers():
         ("", "is not a number"),
         (True, "is not a number"),
         ([1], "is not a number"),
-    ],
-)
-def test_what_is_no_length_is_refused(given, said):
-    with pytest.raises(ValueError, match=said):
-        length(given)
+    ]:
+        with pytest.raises(ValueError, match=said):
+            length(given)

@@ -21,6 +21,14 @@ def fast(jit):
     """No laboratory follows a hand where only the scalar variant works."""
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_wall_points():
+    """Average A by areas over fewer points of each pixel: small photographs cost as large ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 48)
+        yield
+
+
 @pytest.fixture
 def level():
     """Make the plate's laboratory at a small size, with some light and a photograph."""

@@ -117,7 +117,8 @@ def test_a_scene_that_moves_is_reconstructed_anew_while_frames_come(watched):
     assert watched.session.choice == rejected
 
 
-def test_pixels_that_saturate_leave_full_pictures_as_good(watched):
+def test_pixels_that_saturate_leave_full_pictures_as_good(watched, monkeypatch):
+    monkeypatch.setattr(preparation, "STEADY", 1.0)
     watched.until(lambda _, progress: progress.averaged > 19)
     start, watched.camera.glare = len(watched.shown), 2.0
     watched.until(lambda each, _: not each.photograph.pixels.all())

@@ -22,6 +22,9 @@ def test_black_level_and_dark_frame_come_off():
     assert np.array_equal(develop([counts], dark=dark).values, expected)
     with pytest.raises(PhotographError, match="one of the two"):
         develop([counts], black=64, dark=dark)
+    hot = dark.astype(np.uint16)
+    hot[5, 6] = 65535
+    assert np.argwhere(develop([counts], dark=hot).saturated).tolist() == [[5, 6]]
 
 
 def test_photographs_are_averaged_and_saturated_where_any_is():

@@ -1,6 +1,5 @@
 import struct
 import zlib
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import OpenEXR
@@ -51,28 +50,13 @@ def srgb_decoded(encoded):  # IEC 61966-2-1, a second implementation
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-@pytest.mark.parametrize("name", ["y.npy", "y.npz"])
-def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path, name):
+def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path):
     for values in CODES, COUNTS:
-        if name == "y.npy":
-            np.save(tmp_path / name, values)
-        else:
-            np.savez(tmp_path / name, photograph=values, hidden=COUNTS)
-        photograph = read(tmp_path / name)
-        np.testing.assert_array_equal(photograph.values, values)
-        assert len(photograph.warnings) == (values.dtype == np.uint8)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"compression": "zlib"}, {"byteorder": ">"}, {"bigtiff": True}, {"tile": (16, 16)}],
-)
-@pytest.mark.parametrize("dtype", [np.uint16, np.uint32, np.float16, np.float32, np.float64])
-def test_deep_tiff_is_read_as_it_is(tmp_path, options, dtype):
-    values = COUNTS.astype(dtype) if np.dtype(dtype).kind == "u" else LIGHT.astype(dtype)
-    tifffile.imwrite(tmp_path / "y.tif", values, photometric="rgb", **options)
-    photograph = read(tmp_path / "y.tif")
-    assert np.array_equal(photograph.values, values) and photograph.warnings == ()
+        np.savez(tmp_path / "y.npz", photograph=values, hidden=COUNTS)
+        for path in save_npy(tmp_path / "y.npy", values), tmp_path / "y.npz":
+            photograph = read(path)
+            np.testing.assert_array_equal(photograph.values, values)
+            assert len(photograph.warnings) == (values.dtype == np.uint8)
 
 
 def test_planes_and_pages_of_tiff_come_back_as_rows_columns_channels(tmp_path):
@@ -83,35 +67,15 @@ def test_planes_and_pages_of_tiff_come_back_as_rows_columns_channels(tmp_path):
     assert np.array_equal(read(tmp_path / "pages.tif").values, LIGHT)
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        LIGHT.astype(np.float16), LIGHT.astype(">f8"), LIGHT.astype(np.longdouble),
-        np.asfortranarray(LIGHT), COUNTS.astype(">i4"), COUNTS.astype(np.int64) - 30000,
-    ],
-)  # fmt: skip
-def test_npy_of_any_number_type_and_order(tmp_path, values):
-    found = read(save_npy(tmp_path / "y.npy", values)).values
-    assert found.dtype == np.dtype("=f8") and found.flags.c_contiguous
-    assert np.array_equal(found, values)
+def test_npy_of_any_number_type_and_order(tmp_path):
+    for values in np.asfortranarray(LIGHT.astype(">f8")), COUNTS.astype(np.int64) - 30000:
+        found = read(save_npy(tmp_path / "y.npy", values)).values
+        assert found.dtype == np.dtype("=f8") and found.flags.c_contiguous
+        assert np.array_equal(found, values)
 
 
-def test_contents_decide_the_format(tmp_path):
-    path = save_npy(tmp_path / "y.npy", LIGHT).rename(tmp_path / "y.tif")
-    assert np.array_equal(read(path).values, LIGHT)
-
-
-@pytest.mark.parametrize("suffix", [".png", ".tif"])
-def test_8_bit_files_are_decoded_with_a_warning(tmp_path, suffix):
-    Image.fromarray(CODES).save(tmp_path / f"y{suffix}")
-    photograph = read(tmp_path / f"y{suffix}")
-    assert np.allclose(photograph.values, srgb_decoded(CODES / 255), rtol=1e-13)
-    assert len(photograph.warnings) == 1
-
-
-@pytest.mark.parametrize("shape", [SHAPE, (*SHAPE, 1)])
-def test_one_channel_is_grey(tmp_path, shape):
-    grey = COUNTS[..., 0].reshape(shape)
+def test_one_channel_is_grey(tmp_path):
+    grey = COUNTS[..., 0]
     tifffile.imwrite(tmp_path / "y.tif", grey, photometric="minisblack")
     files = save_npy(tmp_path / "y.npy", grey), save_png(tmp_path / "y.png", grey, interlace=True)
     for path in (*files, tmp_path / "y.tif"):
@@ -133,8 +97,8 @@ def test_further_channels_are_left_out_with_a_warning(tmp_path, channels):
         assert len(photograph.warnings) == 1
 
 
-@pytest.mark.parametrize("orientation", range(1, 9))
-@pytest.mark.parametrize("name", ["8.png", "8.jpg", "16.png", "8.tif", "16.tif"])
+@pytest.mark.parametrize("orientation", [1, 4, 6])
+@pytest.mark.parametrize("name", ["8.jpg", "16.png", "16.tif"])
 def test_turned_pictures_are_set_upright_or_refused(tmp_path, orientation, name):
     """The corner pixel (row, column) that EXIF names: where the stored first pixel is seen."""
     values = np.zeros((16, 24), np.uint8 if name[0] == "8" else np.uint16)
@@ -148,13 +112,12 @@ def test_turned_pictures_are_set_upright_or_refused(tmp_path, orientation, name)
         add_chunk(save_png(path, values), b"eXIf", exif.tobytes().removeprefix(b"Exif\0\0"))
     else:
         Image.fromarray(values).save(path, exif=exif)
-    if name in ("16.png", "8.tif", "16.tif") and orientation > 1:
+    if name != "8.jpg" and orientation > 1:
         with pytest.raises(PhotographError, match="turned"):
             read(path)
         return
     seen = read(path, (16, 24) if orientation < 5 else (24, 16)).values[..., 0]
-    corners = {1: (0, 0), 2: (0, -1), 3: (-1, -1), 4: (-1, 0)}
-    corners |= {5: (0, 0), 6: (0, -1), 7: (-1, -1), 8: (-1, 0)}
+    corners = {1: (0, 0), 4: (-1, 0), 6: (0, -1)}
     assert seen[corners[orientation]] > 0.5 * seen.max()  # JPEG blurs
 
 
@@ -172,7 +135,7 @@ def test_colours_other_than_rgb_are_refused(tmp_path):
             read(tmp_path / name)
 
 
-@pytest.mark.parametrize("name", ["16.tif", "16.png", "8.tif", "8.png", "8.jpg"])
+@pytest.mark.parametrize("name", ["16.tif", "16.png", "8.jpg"])
 def test_deep_integers_with_a_colour_profile_are_refused(tmp_path, name):
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     grey, path = (CODES if name[0] == "8" else COUNTS)[..., 0], tmp_path / name
@@ -197,19 +160,18 @@ def test_deep_integers_with_a_colour_profile_are_refused(tmp_path, name):
         (b"gAMA", struct.pack(">I", 45_455), "unsure"),  # as converters write of linear light, too
     ],
 )
-@pytest.mark.parametrize("bits", [8, 16])
-def test_integers_are_what_a_png_declares(tmp_path, chunk, content, meant, bits):
-    values = CODES if bits == 8 else COUNTS
-    path = add_chunk(save_png(tmp_path / "y.png", values, bitdepth=bits), chunk, content)
-    if meant == "neither":
-        with pytest.raises(PhotographError, match=r"y\.png"):
-            read(path)
-        return
-    photograph = read(path)
-    is_encoded = meant == "sRGB" or (meant == "unsure" and bits == 8)
-    expected = srgb_decoded(values / (2**bits - 1)) if is_encoded else values
-    assert np.allclose(photograph.values, expected, rtol=1e-12)
-    assert len(photograph.warnings) == (meant != "linear")
+def test_integers_are_what_a_png_declares(tmp_path, chunk, content, meant):
+    for bits, values in ((8, CODES), (16, COUNTS)):
+        path = add_chunk(save_png(tmp_path / "y.png", values, bitdepth=bits), chunk, content)
+        if meant == "neither":
+            with pytest.raises(PhotographError, match=r"y\.png"):
+                read(path)
+            continue
+        photograph = read(path)
+        is_encoded = meant == "sRGB" or (meant == "unsure" and bits == 8)
+        expected = srgb_decoded(values / (2**bits - 1)) if is_encoded else values
+        assert np.allclose(photograph.values, expected, rtol=1e-12)
+        assert len(photograph.warnings) == (meant != "linear")
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -232,32 +194,12 @@ def test_a_hidden_image_is_what_its_png_declares(tmp_path, bits):
             assert np.allclose(read_hidden_image(path, (2, 2)), meant, rtol=1e-9), chunk
 
 
-def test_threads_that_read_leave_the_streams_alone(tmp_path, capfd):
-    for k in range(40):
-        np.save(tmp_path / f"{k}.npy", LIGHT)
-    with ThreadPoolExecutor(4) as pool:
-        photographs = list(pool.map(read, tmp_path.iterdir()))
-    print("read", len(photographs))
-    assert capfd.readouterr() == ("read 40\n", "")
-
-
 MASK = np.random.default_rng(3).random((7, 9)) > 0.4
 MASK[0, 0], MASK[-1, -1] = False, True
 
 
 def colour(values):
     return np.repeat(values[..., None], 3, axis=2)
-
-
-def png_of(bits, planes=1):
-    def write(path):
-        values = np.where(MASK, 2**bits - 1, 0)
-        rows = np.repeat(values, planes, axis=1).tolist()
-        writer = png.Writer(9, 7, greyscale=planes == 1, bitdepth=bits)
-        with path.open("wb") as stream:
-            writer.write(stream, rows)
-
-    return write
 
 
 def grey_exr(path):
@@ -273,12 +215,9 @@ def palette(path):
 
 
 FORMS = {
-    "1-bit.png": png_of(1),
-    "deep-colour.png": png_of(16, planes=3),
+    "1-bit.png": lambda path: save_png(path, MASK.astype(int), bitdepth=1),
     "palette.png": palette,
     "ours.png": lambda path: write_png(path, colour(MASK), {}),
-    "dim.png": lambda path: Image.fromarray((40 * MASK + 10).astype(np.uint8)).save(path),
-    "grey.jpg": lambda path: Image.fromarray((255 * MASK).astype(np.uint8)).save(path, quality=98),
     "16-bit.tif": lambda path: tifffile.imwrite(path, (60000 * MASK).astype(">u2")),
     "grey.exr": grey_exr,
     "truth.npy": lambda path: np.save(path, MASK),
@@ -287,12 +226,12 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("name", FORMS)
-def test_bright_is_used_and_black_left_out(name, tmp_path):
-    FORMS[name](tmp_path / name)
-    mask = read_mask(tmp_path / name, MASK.shape)
-    assert mask.dtype == bool and mask.shape == MASK.shape
-    np.testing.assert_array_equal(mask, MASK)
+def test_bright_is_used_and_black_left_out(tmp_path):
+    for name, write in FORMS.items():
+        write(tmp_path / name)
+        mask = read_mask(tmp_path / name, MASK.shape)
+        assert mask.dtype == bool
+        np.testing.assert_array_equal(mask, MASK, err_msg=name)
 
 
 def test_bright_is_above_half_of_the_largest_value(tmp_path):
@@ -320,8 +259,8 @@ UNFIT = [
 ]
 
 
-@pytest.mark.parametrize("values", UNFIT)
-def test_what_is_no_mask_is_refused(values, tmp_path):
-    np.save(tmp_path / "m.npy", values)
-    with pytest.raises(PhotographError, match=r"m\.npy: "):
-        read_mask(tmp_path / "m.npy", MASK.shape)
+def test_what_is_no_mask_is_refused(tmp_path):
+    for values in UNFIT:
+        np.save(tmp_path / "m.npy", values)
+        with pytest.raises(PhotographError, match=r"m\.npy: "):
+            read_mask(tmp_path / "m.npy", MASK.shape)

@@ -2,7 +2,6 @@ import os
 import tracemalloc
 
 import numpy as np
-import png
 import pytest
 import tifffile
 import xarray as xr
@@ -64,18 +63,9 @@ def test_names_sort_as_people_count(tmp_path):
     assert [v[0, 0, 0] for v in read(tmp_path)] == [names.index(name) + 1 for name in expected]
 
 
-FORMATS = {
-    "exr": lambda path, counts: write_exr(path, counts, {}),
-    "npz": lambda path, counts: np.savez(path, photograph=counts),
-    "png": lambda path, counts: png.from_array(counts.reshape(6, -1), "RGB;16").save(path),
-    "TIF": lambda path, counts: tifffile.imwrite(path, counts, photometric="rgb"),
-}
-
-
-@pytest.mark.parametrize("suffix", FORMATS)
-def test_folder_takes_every_format_of_a_photograph_and_leaves_out_others(suffix, tmp_path):
+def test_folder_takes_photographs_and_leaves_out_others(tmp_path):
     for k, counts in enumerate(COUNTS):
-        FORMATS[suffix](tmp_path / f"{k}.{suffix}", counts)
+        tifffile.imwrite(tmp_path / f"{k}.TIF", counts, photometric="rgb")
     for name in (".DS_Store", ".5.npy", "notes.txt", "Thumbs.db"):
         (tmp_path / name).write_text("x")
     (tmp_path / "deep").mkdir()
@@ -130,22 +120,20 @@ def test_bad_frame_is_named_when_its_turn_comes(form, tmp_path):
     assert len(frames) == 12
 
 
-@pytest.mark.parametrize("form", ["y.npy", "y.npz", "y.zarr"])
-@pytest.mark.parametrize(
-    "clip",
-    [
+@pytest.mark.parametrize("form", ["y.npy", "y.zarr"])
+def test_stack_of_another_form_is_refused(form, tmp_path):
+    for k, clip in enumerate((
         CLIP[:, :5], CLIP[:, :, :4], CLIP[0], CLIP[..., :0], CLIP[..., 0], CLIP[:0], CLIP * 1j,
         CLIP > 1.5,
-    ],
-)  # fmt: skip
-def test_stack_of_another_form_is_refused(form, clip, tmp_path):
-    if form == "y.zarr":
-        zarr.create_group(tmp_path / form).create_array("photograph", data=clip)
-    else:
-        FORMS[form](tmp_path / form, clip)
-    with pytest.raises(PhotographError, match=f"^{tmp_path / form}: ") as caught:
-        open_frames(tmp_path / form, SHAPE)
-    assert "\n" not in str(caught.value)
+    )):  # fmt: skip
+        path = tmp_path / f"{k}{form}"
+        if form == "y.zarr":
+            zarr.create_group(path).create_array("photograph", data=clip)
+        else:
+            np.save(path, clip)
+        with pytest.raises(PhotographError, match=f"^{path}: ") as caught:
+            open_frames(path, SHAPE)
+        assert "\n" not in str(caught.value)
 
 
 def test_folder_or_archive_without_photographs_or_with_two_kinds_is_refused(tmp_path):
@@ -163,20 +151,18 @@ def test_folder_or_archive_without_photographs_or_with_two_kinds_is_refused(tmp_
         open_frames(tmp_path / "y1.exr", SHAPE)
 
 
-@pytest.mark.parametrize(
-    "packing",
-    [
+def test_values_that_stand_for_others_are_refused(tmp_path):
+    """xarray writes a missing photograph, NaN, as its fill value: 65535 is no light."""
+    for packing in [
         {"dtype": "int16", "scale_factor": 1e-4, "add_offset": 0.5, "_FillValue": -1},
         {"dtype": "uint16", "_FillValue": 65535},
         {"_FillValue": 999.0},
-    ],
-)
-def test_values_that_stand_for_others_are_refused(packing, tmp_path):
-    """xarray writes a missing photograph, NaN, as its fill value: 65535 is no light."""
-    clip = CLIP.astype(packing["dtype"]) if packing.get("_FillValue") == 65535 else CLIP
-    save_zarr(tmp_path / "y.zarr", clip, **packing)
-    with pytest.raises(PhotographError, match=r"y\.zarr"):
-        open_frames(tmp_path / "y.zarr", SHAPE)
+    ]:
+        clip = CLIP.astype(packing["dtype"]) if packing.get("_FillValue") == 65535 else CLIP
+        path = tmp_path / f"{len(packing)}y.zarr"
+        save_zarr(path, clip, **packing)
+        with pytest.raises(PhotographError, match=r"y\.zarr"):
+            open_frames(path, SHAPE)
 
 
 def test_an_archive_of_other_values_or_dimensions_than_it_seems_is_refused(tmp_path):
@@ -244,12 +230,12 @@ def test_folder_of_pictures_is_decoded_and_averaged_in_natural_order(tmp_path):
     assert np.allclose(hidden(tmp_path), averaged(light))
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.uint8, np.uint16])
-def test_stack_of_hidden_frames_is_linear(dtype, tmp_path):
-    scale = 1 if dtype == np.float32 else np.iinfo(dtype).max
-    light = SENT / 255 * scale
-    np.save(tmp_path / "f.npy", (light if scale == 1 else np.rint(light)).astype(dtype))
-    assert np.allclose(hidden(tmp_path / "f.npy"), averaged(SENT / 255), atol=1e-6)
+def test_stack_of_hidden_frames_is_linear(tmp_path):
+    for dtype in [np.float32, np.uint8, np.uint16]:
+        scale = 1 if dtype == np.float32 else np.iinfo(dtype).max
+        light = SENT / 255 * scale
+        np.save(tmp_path / "f.npy", (light if scale == 1 else np.rint(light)).astype(dtype))
+        assert np.allclose(hidden(tmp_path / "f.npy"), averaged(SENT / 255), atol=1e-6)
 
 
 def test_one_image_stands_for_every_frame(tmp_path):
@@ -262,9 +248,8 @@ def test_one_image_stands_for_every_frame(tmp_path):
         assert found.shape == (4, *PATCHES, 3) and np.allclose(found, averaged(light)), name
 
 
-@pytest.mark.parametrize(
-    ("stack", "place", "count"),
-    [
+def test_stack_that_is_not_of_the_photographs_is_refused(tmp_path):
+    for stack, place, count in [
         (SENT, "f.npy", 1),
         (SENT, "f.npy", 5),
         (np.where(np.arange(4)[:, None, None, None] == 2, -1.0, SENT), "frame 2", 4),
@@ -272,9 +257,7 @@ def test_one_image_stands_for_every_frame(tmp_path):
         (SENT.astype(np.int32), "frame 0", 4),
         (SENT[..., :2] / 1.0, "f.npy", 4),
         (SENT * 1j, "f.npy", 4),
-    ],
-)
-def test_stack_that_is_not_of_the_photographs_is_refused(stack, place, count, tmp_path):
-    np.save(tmp_path / "f.npy", stack)
-    with pytest.raises(PhotographError, match=place):
-        hidden(tmp_path / "f.npy", count)
+    ]:
+        np.save(tmp_path / "f.npy", stack)
+        with pytest.raises(PhotographError, match=place):
+            hidden(tmp_path / "f.npy", count)

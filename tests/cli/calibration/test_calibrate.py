@@ -110,6 +110,7 @@ def test_nothing_is_written_if_a_scene_aside_cannot_be(refused, tmp_path):
     assert "found_aside2.xml" in line
 
 
+@pytest.mark.thorough
 def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path):
     for number, signal in enumerate(signals):
         np.save(tmp_path / f"{number}.npy", ps.add_noise(signal, 60, number))
@@ -122,9 +123,9 @@ def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path)
     assert record["shown"] == ["mushroom"] and len(record["photographs"]) == 2
 
 
-@pytest.mark.parametrize(
-    ("options", "offender"),
-    [
+@pytest.mark.usefixtures("photograph")
+def test_what_cannot_be_calibrated_is_refused(refused):
+    for options, offender in [
         (("--free", "occluder_x"), "'occluder_dx'"),
         (("--free", "resolution"), "'resolution'"),
         ((*FREE, "--out", "found.json"), ".xml"),
@@ -132,9 +133,6 @@ def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path)
         ((*FREE, "--cells", "4x4"), "--cells"),
         ((*FREE, "--shown", "mushroom", "--colour-matrix", "M.npy"), "colour matrix: leave"),
         ((*FREE, "--colour-matrix", "M.json", "--out", "M.xml"), "M.json"),
-    ],
-)
-@pytest.mark.usefixtures("photograph")
-def test_what_cannot_be_calibrated_is_refused(refused, options, offender):
-    out = () if "--out" in options else ("--out", "found.xml")
-    assert offender in refused("calibrate", "y.npy", *SCENE, *options, *out)
+    ]:
+        out = () if "--out" in options else ("--out", "found.xml")
+        assert offender in refused("calibrate", "y.npy", *SCENE, *options, *out)

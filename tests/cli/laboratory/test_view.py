@@ -50,7 +50,9 @@ def pictures_of(photograph=None, **values):
     return level.fit(Choice(values, "" if photograph else "mushroom")).pictures()
 
 
-@pytest.mark.parametrize("method", ["noise-aware", "preconditioned"])
+@pytest.mark.parametrize(
+    "method", ["noise-aware", pytest.param("preconditioned", marks=pytest.mark.thorough)]
+)
 def test_the_page_fits_a_photograph_as_reconstruct_does(method, succeeds, tmp_path):
     """A of the same rays, and the scene's declared errors in the standard errors."""
     session = WallSession("plate", ["6x8"], ["resolution=24"])

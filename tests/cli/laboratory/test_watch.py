@@ -121,13 +121,6 @@ def test_what_cannot_be_watched_is_refused_in_a_line(codes, camera, refused, tmp
         assert offender in refused("watch", *options, *SCENE, "--port", 0)
 
 
-def test_what_a_stream_reports_is_in_the_json(codes, camera, periscopy):
-    ran = periscopy("watch", camera(codes[:3]), *SCENE, "--port", 0, "--json")
-    record = json.loads(ran.out)
-    assert record["frames_shown"] + record["frames_dropped"] == 3
-    assert "sRGB curve" in record["warnings"][0]
-
-
 def test_a_recording_is_not_replaced(codes, camera, refused, tmp_path):
     wall = camera(codes[:3])
     (tmp_path / "out").mkdir()

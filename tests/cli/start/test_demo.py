@@ -39,12 +39,13 @@ def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
         assert "periscopy demo" in picture.text["command"]
 
 
-@pytest.mark.parametrize("name", ["measurements.yaml", "truth/scene.xml"])
-def test_no_file_is_overwritten(name, refused, tmp_path):
-    file = tmp_path / "mine" / name
-    file.parent.mkdir(parents=True)
-    file.write_text("my own")
-    assert f"mine/{name}" in refused("tutorial", "--out", "mine")
+def test_no_file_is_overwritten(refused, tmp_path):
+    for name in ("measurements.yaml", "truth/scene.xml"):
+        file = tmp_path / "mine" / name
+        file.parent.mkdir(parents=True)
+        file.write_text("my own")
+        assert f"mine/{name}" in refused("tutorial", "--out", "mine")
+        file.unlink()
 
 
 @pytest.mark.usefixtures("jit")

@@ -53,20 +53,17 @@ def test_a_capture_without_ground_truth_is_a_capture(tmp_path, truth):
     assert read(tmp_path / "c.mat").truth is None
 
 
-@pytest.mark.parametrize(
-    ("damage", "said"),
-    [
+def test_a_file_that_is_no_capture_is_refused_in_one_line(tmp_path):
+    for damage, said in [
         (lambda path: path.unlink(), "No such file"),
         (lambda path: path.write_bytes(path.read_bytes()[:900]), "MATLAB"),
         (lambda path: path.write_text("no"), "MATLAB"),
         (lambda path: path.write_bytes(NPY), "MATLAB"),
         (lambda path: scipy.io.savemat(path, {"image": np.ones((24, 32))}), "shutter_speed"),
-    ],
-)
-def test_a_file_that_is_no_capture_is_refused_in_one_line(tmp_path, damage, said):
-    path = tmp_path / "c.mat"
-    save_capture(path, GREY, TRUTH)
-    damage(path)
-    with pytest.raises(ps.PeriscopyError, match=said) as caught:
-        read(path)
-    assert "\n" not in str(caught.value)
+    ]:
+        path = tmp_path / "c.mat"
+        save_capture(path, GREY, TRUTH)
+        damage(path)
+        with pytest.raises(ps.PeriscopyError, match=said) as caught:
+            read(path)
+        assert "\n" not in str(caught.value)

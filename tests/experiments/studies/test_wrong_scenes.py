@@ -36,6 +36,7 @@ def test_the_ruler_errs_as_the_scene_declares():
     assert list(drawn[0]) == list(errors) and subject.measured(0) == drawn[0] != drawn[1]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit", "drawings")
 def test_a_study_compares_the_true_the_ruler_s_and_the_calibrated_scene(plate, tmp_path):
     scene = dict.fromkeys((f"{n}_error" for n in MEASURED[1:]), "0")

@@ -23,10 +23,13 @@ from tests.scenes.laboratory import (
 
 
 @pytest.mark.parametrize(
-    ("anchor", "low"),
-    [("base", (-0.03, -0.01, 0)), ("center", (-0.03, -0.01, -0.05)), ("corner", (0, 0, 0))],
+    ("anchor", "low", "kind", "deep"),
+    [
+        ("base", (-0.03, -0.01, 0), "box", "depth"),
+        ("center", (-0.03, -0.01, -0.05), "plate", "thickness"),
+        ("corner", (0, 0, 0), "box", "depth"),
+    ],
 )
-@pytest.mark.parametrize(("kind", "deep"), [("box", "depth"), ("plate", "thickness")])
 def test_box_has_its_size_about_its_anchor(built, kind, deep, anchor, low):
     sizes = f"width: 6 cm, {deep}: 2 cm, height: 10 cm, anchor: {anchor}"
     (thing,) = built(WALL, CAMERA, MONITOR, occluders(kind, sizes)).scene.occluders
@@ -155,11 +158,13 @@ def tent(tmp_path):
 
 @pytest.mark.usefixtures("tent")
 @pytest.mark.parametrize(
-    ("up", "axes"), [("z", ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
-                     ("y", ((1, 0, 0), (0, 0, -1), (0, 1, 0))),
-                     ("x", ((0, 1, 0), (0, 0, 1), (1, 0, 0)))],
-)  # fmt: skip
-@pytest.mark.parametrize("anchor", ["origin", "base", "center"])
+    ("up", "axes", "anchor"),
+    [
+        ("z", ((1, 0, 0), (0, 1, 0), (0, 0, 1)), "origin"),
+        ("y", ((1, 0, 0), (0, 0, -1), (0, 1, 0)), "base"),
+        ("x", ((0, 1, 0), (0, 0, 1), (1, 0, 0)), "center"),
+    ],
+)
 def test_mesh_stands_in_metres_upright_at_its_anchor(built, up, axes, anchor):
     own = 0.001 * CORNERS.astype(float) @ np.transpose(axes)
     assert np.linalg.det(axes) == 1

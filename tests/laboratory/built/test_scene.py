@@ -114,12 +114,10 @@ def test_names_that_would_be_one_are_refused(built):
         built(WALL, CAMERA, MONITOR, text)
 
 
-@pytest.mark.parametrize("tilt", [0, 10])
-@pytest.mark.parametrize("turn", [0, -20])
 @pytest.mark.parametrize(
-    ("place", "across", "up"),
-    [("center", 0, 0), ("top_left", 1, -1), ("bottom_left", 1, 1), ("top_right", -1, -1),
-     ("bottom_right", -1, 1)],
+    ("place", "across", "up", "turn", "tilt"),
+    [("center", 0, 0, 0, 0), ("top_left", 1, -1, -20, 0), ("bottom_left", 1, 1, 0, 10),
+     ("top_right", -1, -1, -20, 10), ("bottom_right", -1, 1, -20, 10)],
 )  # fmt: skip
 def test_monitor_stands_where_it_was_measured(built, place, across, up, turn, tilt):
     """A viewer's right is towards -x; `across` and `up` lead from the place to the centre."""

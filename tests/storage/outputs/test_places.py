@@ -26,10 +26,11 @@ CONFIGURATION = Configuration.model_validate(
         "hidden": "3x4",
         "samples_per_geometry": 20,
         "samples_per_shard": 10,
-        "scenes": [{"scene": "chair", "parameters": {"resolution": 16}}],
+        "scenes": [{"scene": "plate", "parameters": {"resolution": 16}}],
         "hidden_images": [{"kind": "shapes"}],
         "ambient": [{"kind": "lamps"}],
-        "light": {"kind": "direct"},
+        "light": {"kind": "direct", "samples": 16},
+        "snr": {"uniform": [10, 20]},
     }
 )
 

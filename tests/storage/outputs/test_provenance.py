@@ -81,12 +81,12 @@ def test_where_a_result_lies_is_no_part_of_its_record():
         assert record["command"] == "periscopy reconstruct 'my photo.exr' --scene chair --outer y"
 
 
-@pytest.mark.parametrize("name", ["chair.xml", *REFERRED])
-def test_digest_changes_with_every_file_of_the_scene(scene, name):
-    before = sha256_of(scene)
-    path = scene.parent / name
-    path.write_text(path.read_text() + "\n")
-    assert sha256_of(scene) != before
+def test_digest_changes_with_every_file_of_the_scene(scene):
+    for name in ["chair.xml", *REFERRED]:
+        before = sha256_of(scene)
+        path = scene.parent / name
+        path.write_text(path.read_text() + "\n")
+        assert sha256_of(scene) != before
 
 
 def test_digest_does_not_change_with_other_files_or_the_place(scene, tmp_path):

@@ -8,7 +8,13 @@ from periscopy_sim.dataset.reading import Layout, read_head
 from periscopy_sim.errors import OutputError
 from periscopy_sim.storage.outputs import store
 from periscopy_sim.storage.outputs.staging import alone_in
-from periscopy_sim.storage.outputs.store import MAKING, BlockStore, Label, check_place
+from periscopy_sim.storage.outputs.store import (
+    MAKING,
+    BlockStore,
+    Label,
+    StoreLayout,
+    check_place,
+)
 from tests.scenes.contents import contents
 
 SIZES = {
@@ -76,14 +82,29 @@ def test_order_of_writing_and_a_second_writing_leave_the_same_bytes(tmp_path):
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
+def test_a_block_of_fill_values_takes_the_place_of_a_former_one(tmp_path):
+    import zarr
+
+    (tmp_path / MAKING).mkdir(parents=True)
+    variable = {"shape": (4,), "chunks": (2,), "dtype": float, "dimension_names": ("k",)}
+    chunked = StoreLayout("sweep", {"x": {**variable, "fill_value": np.nan}}, {"k": (4, 2)})
+    made = BlockStore(tmp_path, chunked, {"seed": 1}, {})
+    for value in (1.0, np.nan):
+        made.write((0,), {"x": np.full(2, value)})
+    assert list(made.missing()) == [(1,)]
+    assert np.isnan(zarr.open_group(tmp_path, mode="r")["x"][:]).all()
+
+
 def test_growing_makes_the_last_block_anew_and_ends_in_the_same_bytes(tmp_path):
     filled(tmp_path / "d", 7)
     assert list(archive(tmp_path / "d", 11).missing()) == [(2,), (3,)]
     filled(tmp_path / "d", 11)
     filled(tmp_path / "e", 11)
     assert contents(tmp_path / "d") == contents(tmp_path / "e")
-    with pytest.raises(OutputError, match="7 samples"):
-        archive(tmp_path / "d", 7)
+    filled(tmp_path / "f", 8)
+    for name in ("d", "f"):  # a block more than 7 samples have, and a sample more in the last
+        with pytest.raises(OutputError, match="7 samples"):
+            archive(tmp_path / name, 7)
 
 
 @pytest.mark.thorough
@@ -107,16 +128,16 @@ def test_every_damaged_file_of_a_block_makes_it_unfinished(tmp_path, damage):
     assert list(archive(tmp_path / "d").missing()) == []
 
 
-@pytest.mark.parametrize("content", ["", "[]", '{"samples": 3}', {"of": "0" * 16}, {"crc32c": {}}])
-def test_damaged_or_foreign_record_makes_its_block_anew(tmp_path, content):
-    made = filled(tmp_path / "d")
-    before = contents(tmp_path / "d")
-    if isinstance(content, dict):
-        content = json.dumps({**made.records.read((0,)), **content})
-    made.records.file((0,)).write_text(content)
-    assert list(archive(tmp_path / "d").missing()) == [(0,)]
-    filled(tmp_path / "d")
-    assert contents(tmp_path / "d") == before
+def test_damaged_or_foreign_record_makes_its_block_anew(tmp_path):
+    for content in ["", "[]", '{"samples": 3}', {"of": "0" * 16}, {"crc32c": {}}]:
+        made = filled(tmp_path / "d")
+        before = contents(tmp_path / "d")
+        if isinstance(content, dict):
+            content = json.dumps({**made.records.read((0,)), **content})
+        made.records.file((0,)).write_text(content)
+        assert list(archive(tmp_path / "d").missing()) == [(0,)]
+        filled(tmp_path / "d")
+        assert contents(tmp_path / "d") == before
 
 
 @pytest.mark.thorough
