@@ -48,24 +48,8 @@ def of_each(stem, *endings):
 
 
 @pytest.mark.usefixtures("drawings")
-<<<<<<< HEAD
-@pytest.mark.parametrize(
-    ("method", "least"),
-    [
-        ("noise-aware", 40),
-        ("differencing", 40),
-        ("preconditioned --tv-weight 0 --repair-threshold 1e9", 40),
-        ("truncated-svd --tv-weight 0 --repair-threshold 1e9", 13),
-    ],
-)
-def test_reconstruct_writes_each_surface_by_its_id(
-    method, least, scene, succeeds, summary, tmp_path
-):
-    options = (*HIDDEN, *TRUTH, "--method", *method.split(), "--model", "analytic", "--out", "out")
-=======
 def test_reconstruct_writes_each_surface_by_its_id(scene, succeeds, summary, tmp_path):
     options = (*HIDDEN, *TRUTH, "--model", "analytic", "--out", "out")
->>>>>>> h-t1
     out = succeeds("reconstruct", "y.npy", "--scene", scene, *options)
     files = {path.name for path in (tmp_path / "out").iterdir()}
     assert of_each("reconstruction", "npy", "png") < files and "reconstruction.npy" not in files
@@ -92,18 +76,9 @@ def test_wrong_surfaces_are_named(scene, refused):
         (("--hidden", "monitor=3x4", "--hidden", "hidden_card=3"), "'3' is not a size"),
         ((*HIDDEN, "--truth", "monitor.npy"), "--truth: .* monitor=..., hidden_card=..."),
         ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth: .* hidden_card=..."),
-<<<<<<< HEAD
-    ],
-)
-def test_wrong_surfaces_are_named(options, offender, scene, refused):
-    line = refused("reconstruct", "y.npy", "--scene", scene, *options, "--out", "out")
-    assert re.search(offender, line), line
-=======
-        ((*HIDDEN, "--method", "unrolled"), "one hidden surface"),
     ]:
         line = refused("reconstruct", "y.npy", "--scene", scene, *options, "--out", "out")
         assert re.search(offender, line), line
->>>>>>> h-t1
 
 
 def test_photograph_and_transport_are_of_both(scene, succeeds, tmp_path):

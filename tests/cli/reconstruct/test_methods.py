@@ -5,13 +5,6 @@ import pytest
 
 from periscopy_sim.reconstruction.registry import METHODS
 
-<<<<<<< HEAD
-pytestmark = pytest.mark.usefixtures("jit", "few_lights")
-
-
-@pytest.mark.parametrize("method", [name for name in METHODS if name != "preconditioned"])
-=======
-ALONE = [name for name, entry in METHODS.items() if not entry.needs]  # the core install has all
 THOROUGH = pytest.mark.thorough
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -21,11 +14,10 @@ pytestmark = pytest.mark.usefixtures("jit", "few_lights")
     "method",
     [
         pytest.param(name, marks=[] if name in ("noise-aware", "truncated-svd") else THOROUGH)
-        for name in ALONE
+        for name in METHODS
         if name != "preconditioned"
     ],
 )
->>>>>>> h-t1
 def test_other_method_writes_its_image_and_what_it_reports(
     method, light, reconstruct, hidden, tmp_path
 ):

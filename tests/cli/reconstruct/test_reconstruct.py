@@ -74,18 +74,9 @@ def test_impossible_option_is_refused(refused, tiny, tmp_path):
         ((*PAPER, "--hidden", "24x24"), "chair.xml"),
         (("--transport", "none.npy"), "none.npy"),
         (("--uncertain", "occluder_x=1"), "'occluder_dx'"),
-<<<<<<< HEAD
         (("--uncertain", "occluder_dx", "--method", "differencing"), "differencing"),
-    ],
-)
-def test_impossible_option_is_refused(options, offender, refused, tiny, tmp_path):
-    np.save(tmp_path / "y.npy", COUNTS)
-    assert offender in refused("reconstruct", "y.npy", *tiny, *options, "--out", "out")
-=======
-        (("--uncertain", "occluder_dx", "--method", "iterative"), "iterative"),
     ]:
         assert offender in refused("reconstruct", "y.npy", *tiny, *options, "--out", "out")
->>>>>>> h-t1
 
 
 TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples")
