@@ -3,6 +3,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from periscopy_sim.numerics import products
 from periscopy_sim.numerics.products import (
     combine_rows,
     filter_rows,
@@ -75,6 +76,13 @@ def test_rows_are_combined_by_filtered_products(dtype, vectors, rows, columns):
     size = (np.abs(gain) * (np.abs(x) @ np.abs(matrix).T) + np.abs(offset)) @ np.abs(matrix)
     assert found.dtype == dtype
     assert (np.abs(found - exact) <= PRECISION[dtype] * size).all()
+
+
+def test_halves_of_a_large_matrix_are_filtered_as_the_whole(monkeypatch):
+    x, matrix, gain, offset = draw((3, 17), (9, 17), (3, 9), (3, 9), dtype=np.float64)
+    whole = filter_rows(x, matrix, gain, offset)
+    monkeypatch.setattr(products, "LARGE", 1)
+    np.testing.assert_allclose(filter_rows(x, matrix, gain, offset), whole, atol=1e-12)
 
 
 @pytest.mark.parametrize("vectors", [1, 3, 18])
