@@ -103,10 +103,11 @@ def test_the_folder_holds_these_conditions() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_condition_is_found_by_name_and_has_wall_and_cameras_but_no_monitor(name: str) -> None:
-    nodes = SceneNodes(
-        find_scene(f"ambient/{name}"), required={"wall": "Shape", "camera": "Sensor"}
-    )
-    shapes = [props.id() for props in nodes.of_type("Shape")]
+    path, required = find_scene(f"ambient/{name}"), {"wall": "Shape", "camera": "Sensor"}
+    for parameters, pixels in ((None, 126), ({"resolution": "20"}, 20)):
+        nodes = SceneNodes(path, parameters, required=required)
+        shapes = [props.id() for props in nodes.of_type("Shape")]
+        assert tuple(camera_of(nodes.instantiate()).film().size()) == (pixels, pixels)
     assert "monitor" not in shapes
     assert shapes.count("wall") == 1
     assert not any(shape.startswith("chair") for shape in shapes)
@@ -120,15 +121,6 @@ def elements(name: str) -> list[ET.Element]:
             found += ET.parse(AMBIENT / element.get("filename", "")).iter()
         found.append(element)
     return found
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_resolution_is_a_parameter_of_126_pixels(name: str) -> None:
-    path = AMBIENT / f"{name}.xml"
-    required = {"wall": "Shape", "camera": "Sensor"}
-    for parameters, pixels in ((None, 126), ({"resolution": "20"}, 20)):
-        scene = SceneNodes(path, parameters, required=required).instantiate()
-        assert tuple(camera_of(scene).film().size()) == (pixels, pixels)
 
 
 @vectorized

@@ -45,8 +45,7 @@ def test_photograph_without_a_positive_mean_is_refused(level):
         composite(signal, dark, 1.0)
 
 
-@pytest.mark.parametrize("snr", [-6.0, 0.0, 20.0, 60.0])
-@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e6])
+@pytest.mark.parametrize(("snr", "scale"), [(-6.0, 1.0), (0.0, 1e6), (60.0, 1e-9)])
 def test_noise_is_gaussian_of_the_stated_deviation(snr, scale):
     signal = scale * photographs(shape=(60, 60, 3))[0]
     noise = add_noise(signal, snr, 7) - signal
@@ -118,7 +117,7 @@ def test_codes_have_the_exact_distribution_of_photons_read_noise_and_rounding(se
         Sensor(electrons=2000, read_noise=30, full_well=9000, bit_depth=14, frames=4),
     ],
 )
-@pytest.mark.parametrize("light", [1e-6, 1.0, 3e5])
+@pytest.mark.parametrize("light", [1e-6, 3e5])
 def test_mean_and_variance_are_the_closed_form_and_so_is_the_snr(sensor, light):
     values = sensor.expose(np.full((70, 70, 3), light), 3).values.ravel() / light
     electrons = sensor.electrons
@@ -148,8 +147,7 @@ def test_noise_is_uncorrelated_across_pixels_and_channels(measured):
         assert abs(np.corrcoef(ahead, behind)[0, 1]) < bound
 
 
-@pytest.mark.parametrize("read_noise", [0.0, 0.01, 2.5, 300.0])
-@pytest.mark.parametrize("bit_depth", [4, 8, 12, 16])
+@pytest.mark.parametrize(("read_noise", "bit_depth"), [(0.0, 8), (0.01, 16), (2.5, 12), (300.0, 4)])
 def test_black_level_leaves_six_deviations_and_the_top_code_is_the_full_well(read_noise, bit_depth):
     sensor = Sensor(100, read_noise, full_well=4000, bit_depth=bit_depth)
     assert sensor.top_code == 2**bit_depth - 1

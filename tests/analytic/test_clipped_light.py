@@ -30,7 +30,7 @@ def test_clipping_leaves_what_outlines_leave(scene):
     assert relative(by_faces(scenario), by_outlines) < 1e-4
 
 
-@pytest.mark.parametrize("y", [0.05, 0.98, 0.5])
+@pytest.mark.parametrize("y", [0.05, 0.98])
 def test_occluders_may_reach_past_the_wall_and_the_monitor(y):
     """Of 3,600 samples a border crosses 120, each half wrong."""
     boxes = [Box((0.4, y, 0.25), (0.1, 0.3, 0.1))]

@@ -47,7 +47,7 @@ def test_response_equals_eq_4_in_loops():
     np.testing.assert_allclose(response, expected, rtol=1e-10, atol=1e-13)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(3))
 def test_light_on_any_point_of_the_wall_is_refused(seed):
     points, normals = random_surface(30, seed)
     for point in points:

@@ -60,7 +60,7 @@ def photograph(scenario, image, seed=0, across=1):
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("is_shown", [True, False])
+@pytest.mark.parametrize("is_shown", [True, pytest.param(False, marks=pytest.mark.thorough)])
 def test_the_depth_of_each_surface_is_found(scene, images, is_shown):
     y = photograph(ps.load_scenario(scene, SIZES, TRUTH), images[0], across=3)
     shown = images[:1] if is_shown else []
@@ -120,6 +120,7 @@ def test_places_within_each_surface_are_free_in_standard_errors(scene):
         np.testing.assert_allclose(moved[name].centers, expected)
 
 
+@pytest.mark.thorough
 def test_a_silhouette_is_recovered_or_doubted_before_several_surfaces(scene):
     """The plate fills the middle of a rectangle of 4 x 4 cells twice its size.
 

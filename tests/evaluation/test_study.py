@@ -32,14 +32,13 @@ def test_one_name_or_an_array_is_a_list_of_one():
             vary={"hidden": sizes}, **asked,
         )
         for images, methods, sizes in (
-            (["mushroom"], ["truncated-svd"], ["3x4"]),
             ("mushroom", "truncated-svd", "3X4"),
             ({"mushroom": picture}, {"truncated-svd": "truncated-svd"}, [(3, 4)]),
         )
     ]  # fmt: skip
-    for way in ways[1:]:
+    for way in ways:
         assert way["hidden"].values.tolist() == ["3x4"]
-        np.testing.assert_allclose(way["psnr"], ways[0]["psnr"], rtol=1e-4)
+    np.testing.assert_allclose(ways[1]["psnr"], ways[0]["psnr"], rtol=1e-4)
 
 
 @pytest.mark.usefixtures("jit")

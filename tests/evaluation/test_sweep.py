@@ -340,10 +340,7 @@ def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
     "more",
     [
         {"sbrs": (0.1, 3, 1, 10)},
-        {"snrs": (40, 20)},
-        {"seeds": (5, 0, 1)},
         {"methods": {"first": Linear(1), "third": Linear(3), "second": Linear(2)}},
-        {"backgrounds": {"more": LIGHTS["sun"] + 1, **LIGHTS}},
         {
             "signals": {"p": SIGNAL, "q": SIGNAL + 1},
             "truths": {"p": TRUTH, "q": TRUTH / 2},

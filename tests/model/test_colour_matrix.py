@@ -17,7 +17,7 @@ LIGHT = (A @ TRUTH + B @ RNG.random((3, 3))).reshape(*PHOTOGRAPH, 3)
 
 
 @pytest.mark.parametrize("name", METHODS)
-@pytest.mark.parametrize("shape", [(4, 3), (3, 1), (2, 1)])
+@pytest.mark.parametrize("shape", [(4, 3), (2, 1)])
 def test_cameras_may_have_more_channels_than_the_monitor_primaries(name, shape):
     colours = ColourMatrix(np.random.default_rng(3).uniform(0.2, 1, shape))
     y = LIGHT[..., : shape[1]]
@@ -63,9 +63,12 @@ def test_files_hold_the_matrix(tmp_path, suffix):
     np.testing.assert_array_equal(read_colour_matrix(file).matrix, M)
 
 
-@pytest.mark.parametrize("text", ["", "1,2,3", "[[1, 2], [3]]", "{}", "a,b,c\n" * 3, None])
-@pytest.mark.parametrize("suffix", ["npy", "json", "csv"])
-def test_files_that_hold_no_matrix_are_named(tmp_path, text, suffix):
+@pytest.mark.parametrize(
+    ("suffix", "text"),
+    [("npy", "1,2,3"), ("npy", None), ("json", "[[1, 2], [3]]"), ("json", "{}"), ("json", ""),
+     ("csv", "a,b,c\n" * 3), ("csv", "1,2,3")],
+)  # fmt: skip
+def test_files_that_hold_no_matrix_are_named(tmp_path, suffix, text):
     file = tmp_path / f"matrix.{suffix}"
     if text is not None:
         file.write_text(text)

@@ -26,24 +26,15 @@ def scene():
 
 
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        *({"snr": "60"}, {"snr": None}, {"snr": np.nan}, {"samples": "16"}, {"samples": 1.5}),
-        *({"bounces": "all"}, {"seed": "a"}, {"seed": -1}, {"seed": True}),
-    ],
-)
-def test_photographs_name_what_is_no_number(scene, wrong):
-    (name,) = wrong
-    with pytest.raises(ps.PeriscopyError, match=f"^{name} "):
-        ps.render_photograph(scene, IMAGE, **wrong)
-
-
-@pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("image", ["mushroom", None, IMAGE + 1j, IMAGE[..., 0], {"monitor": "x"}])
-def test_photographs_name_what_is_no_image(scene, image):
-    with pytest.raises(ps.PeriscopyError, match="image"):
-        ps.render_photograph(scene, image)
+def test_photographs_name_what_is_no_number_or_no_image(scene):
+    for name, *values in (("snr", "60", None, np.nan), ("samples", "16", 1.5),
+                          ("bounces", "all"), ("seed", "a", -1, True)):  # fmt: skip
+        for value in values:
+            with pytest.raises(ps.PeriscopyError, match=f"^{name} "):
+                ps.render_photograph(scene, IMAGE, **{name: value})
+    for image in ("mushroom", None, IMAGE + 1j, IMAGE[..., 0], {"monitor": "x"}):
+        with pytest.raises(ps.PeriscopyError, match="image"):
+            ps.render_photograph(scene, image)
 
 
 @pytest.mark.parametrize(

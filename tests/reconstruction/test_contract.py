@@ -45,6 +45,10 @@ NEIGHBOURS = ("differencing", "differencing-published")  # they need a photograp
 every_method = pytest.mark.parametrize("name", METHODS)
 
 
+QUICK = {"tv_weight": 0}
+"""For published differencing, which else stops at its cap, seconds later."""
+
+
 @dataclass(frozen=True)
 class Scene:
     channel_gain: tuple = tuple(GAIN)
@@ -58,10 +62,15 @@ def fitted(name, A=A, B=B, scene=Scene(), **options):
     if any(option.name == "repair_threshold" for option in entry.options):
         options = {"repair_threshold": 1e9, **options}
     if name == "differencing-published":
-        options = {"tv_weight": 0, **options}  # else it stops at its cap, seconds later
+        options = QUICK | options
     if name == "noise-aware":
         entry = replace(entry, fixed={"profiles": False, "corrections": ()})
     return entry(scene, A, B, **options)
+
+
+def as_chosen(name):
+    """Return a method as commands fit it."""
+    return METHODS[name](Scene(), A, B, **QUICK if name == "differencing-published" else {})
 
 
 def distance(image, expected):
@@ -113,7 +122,7 @@ def test_a_new_method_is_one_entry():
 
 @every_method
 def test_a_photograph_becomes_an_image_and_a_report(name):
-    method = METHODS[name](Scene(), A, B)
+    method = as_chosen(name)
     solution = method.solve(Photograph.of(Y))
     assert solution.image.shape == (*HIDDEN, 3) and solution.image.dtype == method.precision
     assert np.isfinite(solution.image).all()
@@ -131,7 +140,7 @@ def test_a_photograph_becomes_an_image_and_a_report(name):
 
 
 @every_method
-@pytest.mark.parametrize("exposure", [1e-12, 0.3, 1e12])
+@pytest.mark.parametrize("exposure", [1e-12, 1e12])
 def test_exposure_scales_the_image_the_noise_and_nothing_else(name, exposure):
     method = fitted(name)
     one, other = method.solve(Y), method.solve(Photograph.of(exposure * Y))
@@ -140,7 +149,7 @@ def test_exposure_scales_the_image_the_noise_and_nothing_else(name, exposure):
 
 
 @every_method
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_units_and_orders_do_not_matter(name, seed):
     """Of A, of B, of its columns, of the channels and, but for neighbours, of the pixels."""
     rng = np.random.default_rng(seed)
@@ -171,11 +180,10 @@ def test_the_walls_colour_is_divided_out(name):
 
 
 @every_method
-@pytest.mark.parametrize("value", [0.0, 5.0])
-def test_a_constant_channel_disturbs_no_other(name, value):
+def test_a_constant_channel_disturbs_no_other(name):
     """Not by more than the coupling of edges; its own image is finite."""
     method, y = fitted(name), Y.copy()
-    y[..., 2] = value
+    y[..., 2] = 5
     image = method.reconstruct(y)
     assert np.isfinite(image).all()
     assert distance(image[..., :2], method.reconstruct(Y)[..., :2]) < 0.05
@@ -307,11 +315,11 @@ def test_photographs_with_the_monitor_off_recover_what_their_light_drowns(name):
 @every_method
 def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
     colours, y = ColourMatrix(COLOURS), Y.copy()
-    plain = METHODS[name](Scene(), A, B)
+    plain = as_chosen(name)
     expected = plain.solve(Photograph.of(y, monitor_off={"off": OFF}))
     off = {"off": colours.mix(OFF)}
     mixed = Photograph.of(colours.mix(y), monitor_off=off, colour_matrix=colours)
-    method = METHODS[name](Scene(), A, B)
+    method = as_chosen(name)
     solution = method.solve(mixed)
     assert distance(solution.image, expected.image) < 0.05
     residuals = [
@@ -322,7 +330,7 @@ def test_an_image_is_in_the_monitors_primaries_whatever_the_camera(name):
 
 
 @every_method
-@pytest.mark.parametrize("channels", [1, 2, 4])
+@pytest.mark.parametrize("channels", [1, 4])
 def test_an_image_has_the_channels_of_the_photograph(name, channels):
     method = fitted(name, scene=Scene(channel_gain=None))
     y = (Y / GAIN)[..., [1, 0, 2, 1][:channels]]
@@ -337,7 +345,7 @@ def test_an_image_has_the_channels_of_the_photograph(name, channels):
 @every_method
 @pytest.mark.parametrize("mask", [None, MASK], ids=["whole", "masked"])
 def test_residual_is_the_photograph_less_image_and_ambient_light(name, mask):
-    method, photograph = METHODS[name](Scene(), A, B), Photograph.of(Y, mask=mask)
+    method, photograph = as_chosen(name), Photograph.of(Y, mask=mask)
     solution = method.solve(photograph)
     residual = method.report(photograph, solution).residual
     used = np.ones(SHAPE, bool) if mask is None else mask
@@ -358,17 +366,11 @@ def test_residual_is_the_photograph_less_image_and_ambient_light(name, mask):
 
 
 @every_method
-@pytest.mark.parametrize(
-    "shape", [(14, 14, 3), (15, 14, 3), (209, 3), (14, 15), (14, 15, 4), (3, 14, 15), (630,), ()]
-)
-def test_photographs_of_other_sizes_are_rejected(name, shape):
-    with pytest.raises(ValueError, match="photograph"):
-        METHODS[name](Scene(), A, B).reconstruct(np.ones(shape))
-
-
-@every_method
 def test_what_cannot_be_used_is_rejected(name):
     method = METHODS[name](Scene(), A, B)
+    for shape in ((15, 14, 3), (209, 3), (14, 15), (14, 15, 4), (3, 14, 15), (630,), ()):
+        with pytest.raises(ValueError, match="photograph"):
+            method.reconstruct(np.ones(shape))
     for wrong in (np.nan, np.inf, 1e300, 1e-300):
         y = np.where(np.arange(Y.size).reshape(Y.shape) == 77, wrong, Y if wrong > 1 else 0)
         with pytest.raises(ValueError, match=r"must be finite|largest value"):
@@ -388,12 +390,12 @@ NO_MATRICES = (
 
 
 @every_method
-@pytest.mark.parametrize("which", ["A", "B"])
-def test_what_is_no_matrix_is_refused_by_its_name(name, which):
+def test_what_is_no_matrix_is_refused_by_its_name(name):
     given = {"A": A, "B": B}
-    for kind in NO_MATRICES if which == "A" or METHODS[name].backgrounds else ():
-        with pytest.raises(ValueError, match=f"^{which} is of type .* shape .*: "):
-            fitted(name, **given | {which: kind(given[which])})
+    for which in given if METHODS[name].backgrounds else "A":
+        for kind in NO_MATRICES:
+            with pytest.raises(ValueError, match=f"^{which} is of type .* shape .*: "):
+                fitted(name, **given | {which: kind(given[which])})
 
 
 @every_method

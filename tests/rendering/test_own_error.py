@@ -144,10 +144,10 @@ def test_error_of_a_composite_is_that_of_its_parts():
 
 def test_bounced_light_of_any_channels_is_that_of_the_surfaces_mean(shipped):
     """By the same rays: a channel alone meets the mean of red, green and blue."""
-    scene, image = shipped("bright_room"), np.random.default_rng(0).random((6, 8, 1))
+    scene, image = shipped("bright_room", resolution=8), np.random.default_rng(0).random((6, 8, 1))
     grey = photograph.bounced_light(scene, {"monitor": image})
     three = photograph.bounced_light(scene, {"monitor": image.repeat(3, axis=2)})
     two = photograph.bounced_light(scene, {"monitor": image.repeat(2, axis=2)})
-    assert (grey.shape, two.shape) == ((576, 1), (576, 2))
+    assert (grey.shape, two.shape) == ((64, 1), (64, 2))
     np.testing.assert_allclose(grey[:, 0], three.mean(axis=1), rtol=1e-6)
     np.testing.assert_allclose(two[:, 0], grey[:, 0], rtol=1e-6)

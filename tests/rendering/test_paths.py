@@ -8,7 +8,7 @@ from periscopy_sim.rendering.ambient.irradiance import rows_of
 from periscopy_sim.rendering.paths import DIMENSIONS, PathNumbers
 from periscopy_sim.rendering.variant import mi
 
-SEEDS, RAYS = range(24), 1 << 14
+SEEDS, RAYS = range(12), 1 << 14
 ORIGINS, PARTS = 16, (32, 96)
 COUNT = ORIGINS * sum(PARTS)
 LATER = 2 * DIMENSIONS + 3
@@ -142,7 +142,7 @@ def numbers_at(seed, dimensions, numbers=None):
     return np.stack([np.array(shifted(k), float) for k in dimensions])
 
 
-@pytest.mark.parametrize("dimension", [0, 1, DIMENSIONS - 1, DIMENSIONS, LATER])
+@pytest.mark.parametrize("dimension", [0, DIMENSIONS - 1, LATER])
 def test_every_dimension_fills_its_interval_evenly(dimension):
     (found,) = numbers_at(3, [dimension])
     assert found.shape == (COUNT,) and found.min() >= 0 and found.max() < 1

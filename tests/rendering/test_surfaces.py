@@ -171,7 +171,7 @@ def test_bounced_light_of_some_pixels_has_their_rows(two):
     assert A.shape == part.transport_shape
 
 
-@pytest.mark.parametrize("faces", [12, 31, 96])
+@pytest.mark.parametrize("faces", [31])
 def test_spherical_caps_are_accepted_and_light_the_wall_as_they_do_in_mitsuba(room, faces):
     """Part of a sphere whose faces cut its UV square otherwise than patches do."""
     u, v = np.meshgrid(*[np.linspace(0, 1, faces + 1)] * 2, indexing="ij")

@@ -4,7 +4,7 @@ import pytest
 from periscopy_sim.rendering.wall_polynomials import SITES, best_fit, chosen_sites, polynomials
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (6, 4), (12, 200), (17, 16), (126, 126)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (12, 200), (17, 16)])
 def test_sites_are_pixels_no_more_than_asked_for_and_reach_the_edges(shape):
     sites = chosen_sites(shape)
     assert np.all(np.diff(sites) > 0)
@@ -14,8 +14,8 @@ def test_sites_are_pixels_no_more_than_asked_for_and_reach_the_edges(shape):
         assert found.min() < 0.02 * pixels and found.max() >= 0.98 * pixels - 1
 
 
-@pytest.mark.parametrize("shape", [(126, 126), (40, 7), (1, 30)])
-@pytest.mark.parametrize("largest", [(0, 0), (5, 5), (3, 0), (0, 13), (8, 2)])
+@pytest.mark.parametrize("shape", [(40, 7), (1, 30)])
+@pytest.mark.parametrize("largest", [(0, 0), (3, 0), (0, 13), (8, 2)])
 def test_polynomials_are_orthonormal_and_reach_their_powers_together(shape, largest):
     found = polynomials(shape, largest, np.arange(shape[0] * shape[1]))
     np.testing.assert_allclose(found.T @ found / len(found), np.eye(found.shape[1]), atol=1e-10)
@@ -67,7 +67,7 @@ def step(shape):
     return 1 + np.outer(x > 0.45, [1.0, 2.0, 0.5])
 
 
-@pytest.mark.parametrize("degree", range(13))
+@pytest.mark.parametrize("degree", [0, 1, 6, 12])
 def test_polynomials_seen_at_a_few_sites_are_exact_at_every_pixel(degree):
     field = polynomial(SHAPE, degree)
     sites = chosen_sites(SHAPE)

@@ -52,7 +52,9 @@ def test_differencing_minimizes_eq_2_with_the_weight_it_reports(minimizer):
     assert (result.residual <= 1e-6).all() and (result.iterations > 10).all()
 
 
-@either_stop
+@pytest.mark.parametrize(
+    "stop", ["converged", pytest.param("published", marks=pytest.mark.thorough)]
+)
 def test_noiseless_photograph_gives_the_hidden_image(stop):
     image = np.random.default_rng(3).random((*HIDDEN, 3))
     result = differencing(stop=stop).reconstruct(photograph_of(image))
@@ -164,9 +166,8 @@ def test_matrix_that_does_not_fit_the_photograph_is_refused():
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("wrap", "matrix"), [(True, published_d), (False, d_within_columns)])
-@pytest.mark.parametrize("seed", range(4))
-def test_difference_counts_only_if_both_pixels_are_used(shape, wrap, matrix, seed):
-    rng = np.random.default_rng(seed)
+def test_difference_counts_only_if_both_pixels_are_used(shape, wrap, matrix):
+    rng = np.random.default_rng(0)
     mask = rng.random(shape) < 0.7
     before = mask.copy()
     A = rng.normal(size=(mask.size, 4))

@@ -42,7 +42,7 @@ def loop_repair(image, threshold, previous=None):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("threshold", [0.0, 0.3, 0.8, 2.0])
+@pytest.mark.parametrize("threshold", [0.0, 0.8])
 def test_repair_with_and_without_a_previous_frame_equals_plain_loops(shape, threshold):
     image = random_image(*shape)
     for previous in (None, random_image(*shape, seed=1)):

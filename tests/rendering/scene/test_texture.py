@@ -80,12 +80,12 @@ def test_smooth_light_is_that_of_the_even_wall_times_its_paint(room):
     np.testing.assert_allclose(
         point_light_backgrounds(seen), point_light_backgrounds(even) * seen.paint, rtol=1e-6
     )
-    ambient = [render_background("ambient/overcast", each, target=0.05) for each in (seen, even)]
+    ambient = [render_background("ambient/overcast", each, target=0.3) for each in (seen, even)]
     on_texture, on_even = (each.photograph.reshape(-1, 3) for each in ambient)
     np.testing.assert_allclose(
         on_texture / seen.channel_gain, on_even / even.channel_gain * seen.paint, rtol=1e-5
     )
-    bounced, plain = (render_bounced_light(each, target=0.1) for each in (seen, even))
+    bounced, plain = (render_bounced_light(each, target=0.4) for each in (seen, even))
     np.testing.assert_allclose(bounced.over_wall, plain.over_wall * seen.paint, rtol=1e-5)
 
 
@@ -124,6 +124,7 @@ def test_texture_that_a_cannot_represent_is_refused(room):
         room.load(wall=mesh.format(f'<bsdf type="twosided">{diffuse(TILES)}</bsdf>'))
 
 
+@pytest.mark.thorough
 def test_hidden_image_is_recovered_from_a_textured_wall(tmp_path):
     text = find_scene("chair").read_text("utf-8")
     plain = '<rgb name="reflectance" value="0.8"/>'
