@@ -74,9 +74,7 @@ def _staged(
             target = Path(os.path.realpath(path))  # absolute: the block may change folder
             if target.exists() and not is_kind(target):
                 raise OutputError(f"cannot write {path}: it is {other}")
-            staged = _temporary_name(target, undo)
-            make(staged)  # shows before hours of work whether the place can be written
-            _hold(staged, undo)
+            staged = _held(target, make, undo)  # fails before hours of work, if it must
         with out_of_space_reported(path), original_named(path, staged):
             yield staged
         with unwritable_reported(path):
@@ -93,6 +91,19 @@ def _staged(
                     final.mkdir(exist_ok=True)
                 else:
                     entry.replace(final)
+
+
+def _held(target: Path, make: Callable[[Path], None], undo: ExitStack) -> Path:
+    """Make and lock a file or folder of a temporary name, and return it.
+
+    Before it is locked another process may take it for a leftover, and remove it.
+    """
+    while True:
+        staged = _temporary_name(target, undo)
+        make(staged)
+        with suppress(FileNotFoundError):
+            if _hold(staged, undo) and staged.exists():
+                return staged
 
 
 def _temporary_name(target: Path, undo: ExitStack) -> Path:

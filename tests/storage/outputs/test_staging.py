@@ -159,6 +159,23 @@ def test_next_run_removes_what_a_killed_one_left_and_only_that(tmp_path, staged_
     assert entries(tmp_path) == others | entries_of(target)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="locks nothing that is open")
+def test_a_file_that_another_process_takes_for_a_leftover_is_made_anew(tmp_path, monkeypatch):
+    touch, made = Path.touch, list[Path]()
+
+    def taken_once(path):
+        made.append(path)
+        touch(path)
+        if len(made) == 1:
+            path.unlink()
+
+    monkeypatch.setattr(Path, "touch", taken_once)
+    with staged_file(tmp_path / "out.txt") as staged:
+        staged.write_text("whole")
+    assert len(made) == 2 and [*tmp_path.iterdir()] == [tmp_path / "out.txt"]
+    assert (tmp_path / "out.txt").read_text() == "whole"
+
+
 def test_existing_folder_keeps_its_other_files(tmp_path):
     target = tmp_path / "out"
     (target / "maps").mkdir(parents=True)
