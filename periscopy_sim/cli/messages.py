@@ -64,10 +64,6 @@ SENTENCES = {
     "transport_error": (
         "{name} by {model} errs by {error:.3g} % of the light, more than the noise of {noise:.3g} %"
     ),
-    "other_rays": (
-        "{name}: A of earlier cells has other rays to a patch, of {numbers}, since the photographs "
-        "had more noise; see 'samples' in sweep.csv, or name another --out"
-    ),
     "bounces": (
         "{scene}: light that bounces off other surfaces is {ratio:.2g} times the noise: pass "
         "--bounces all"

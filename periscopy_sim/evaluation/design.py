@@ -194,7 +194,6 @@ def design(
     origin = provenance(scenario.document, scenario.seed)
     settings = {
         **{n: each for n, each in origin.items() if n not in ("command", "scene")},
-        **base.plan(noise).origin,
         "camera": scenario.view.camera,
         "bounces": bounces_in_words(base.light.bounces),
         "ambient_prototypes": base.light.prototypes,
@@ -204,6 +203,7 @@ def design(
         "snr": snr,
         "sbr": str(sbr),
         "images": list(map(image_sha256, pictures)),
+        **base.plan(noise).origin,  # what follows from the others comes last in an error
     }
     with resumed_folder(Path(out), settings, "design", (TABLE, *RESULTS)):
         return run_design(points, errors, Path(out) / TABLE, progress)

@@ -15,6 +15,7 @@ from periscopy_sim.evaluation.sweep import Sweep, cell_seconds
 from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.world import flipped_names
 from periscopy_sim.evaluation.worlds import ASSUMED, Worlds
+from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.numerics.machine import LONG
 from periscopy_sim.photograph import Photograph
@@ -76,9 +77,10 @@ class SweepWork:
             places.setdefault(place, values)
             work.photographs |= {(place, name, cell["snr"]) for name in rendered}
             if count := worlds.matrices(values):
-                light = worlds.light(values)
-                work.matrices[worlds.place(values, ASSUMED), light.samples, light.by] = count
-                work.fits.add((*values.values(),))
+                light, snr = worlds.light(values), cell["snr"]
+                way = light.samples or snr, light.by
+                work.matrices[worlds.place(values, ASSUMED), *way] = count
+                work.fits.add((snr, *values.values()))
                 work.cells[cell["algorithm"]] += 1
                 work.first = work.first or cell
             else:
@@ -103,10 +105,10 @@ class SweepWork:
             for name in worlds.shown:
                 wall = worlds.signal(name, snr, values)
             of_photographs = time.perf_counter() - started
-            of_matrices, of_fit = self._fit(worlds, values, wall)
+            of_matrices, of_fit = self._fit(worlds, snr, values, wall)
             if of_matrices + of_fit < LONG:  # without what the first one compiles
                 fresh = replace(worlds, scenario=replace(worlds.scenario, memo=Memo()))
-                of_matrices, of_fit = self._fit(fresh, values, wall)
+                of_matrices, of_fit = self._fit(fresh, snr, values, wall)
             even = Background(np.ones_like(wall.values), 0.0, 0.0)
             world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
             trial = {name: {**first, "algorithm": name} for name in self.cells}
@@ -123,13 +125,13 @@ class SweepWork:
         )
 
     @staticmethod
-    def _fit(worlds: Worlds, values: Values, wall: Photograph) -> tuple[float, float]:
+    def _fit(worlds: Worlds, snr: float, values: Values, wall: Photograph) -> tuple[float, float]:
         """Return the seconds of the matrices, and of fits to them."""
         scene, started = worlds.assumed(values), time.perf_counter()
         for method in worlds.methods.values():
-            scene.transport(worlds.noise, method)
+            scene.transport(noise_to_signal(snr, np.inf), method)
         made = time.perf_counter()
-        worlds.fitted(values, wall)
+        worlds.fitted(snr, values, wall)
         return made - started, time.perf_counter() - made
 
     def _light(self, scenario: Scenario, worlds: Worlds) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.evaluation.sweep import LIGHT, Sweep, run_sweep
+from periscopy_sim.evaluation.sweep import Sweep, run_sweep
 from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.evaluation.world import flipped_names
@@ -231,8 +231,8 @@ def sweep(
         scenario=scenario, shown=shown, flips=flips, methods=named,
         photographs={} if photograph is None else dict.fromkeys(shown, photograph),
         ambient={name: measured.get(name, own.get(name, name)) for name in lights},
-        noise=noise_to_signal(max(decibels), max(ratios)), conditions={"settings": settings},
-        conditions_of=sources, mask=mask, monitor_off=off, calibrates=KNOWN in axes,
+        conditions={"settings": settings}, conditions_of=sources, mask=mask, monitor_off=off,
+        calibrates=KNOWN in axes,
         out=None if out is None else place(out), command=command, progress=progress, noted=noted,
     )  # fmt: skip
     worlds.check(axes)
@@ -324,26 +324,24 @@ def conditions_of(entries: Iterable[str | Path]) -> dict[str, Path | None]:
 def _notes(
     scenario: Scenario, results: "xr.Dataset", worlds: Worlds, *, by_default: bool
 ) -> list[Note | str]:
-    """Note where an A, or a photograph, errs more than its noise, or a method's As differ."""
+    """Note where an A, or a photograph, errs more than its noise."""
     notes: list[Note | str] = []
     for name in results["algorithm"].values.tolist():
         entry = entry_of(worlds.methods[name])
         if by_default and entry is not None and entry.rays:
             continue
         of_method = results.sel(algorithm=name)
-        rays = of_method["transport_samples"].fillna(0)
-        if bool((rays.max(LIGHT) != rays.min(LIGHT)).any()):
-            numbers = ", ".join(f"{each:g}" for each in np.unique(rays) if each)
-            notes.append(Note("other_rays", {"name": name, "numbers": numbers}))
         each = of_method.stack(each=of_method["failure"].dims)
-        worst = each.isel(each=int(each["transport_error"].fillna(0).values.argmax()))
+        excess = each["transport_error"].fillna(0) * 10 ** (each["snr"] / 20)
+        worst = each.isel(each=int(excess.values.argmax()))
         samples, error = (float(worst[f"transport_{n}"]) for n in ("samples", "error"))
         origin = {
             "model": worst["transport_model"].item(),
             "samples": None if np.isnan(samples) else int(samples),
             "transport_error": None if np.isnan(error) else error,
         }
-        notes += check_error(scenario, origin, worlds.noise, f"{name}: A")
+        noise = noise_to_signal(float(worst["snr"]), np.inf)
+        notes += check_error(scenario, origin, noise, f"{name}: A")
     error = results["photograph_error"].fillna(0)
     worst = error.isel((error * 10 ** (results["snr"] / 20)).argmax(...))
     return [*notes, *excess_of(float(worst), float(worst["snr"]))]

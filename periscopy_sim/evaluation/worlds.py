@@ -18,6 +18,7 @@ from periscopy_sim.evaluation.world import World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
 from periscopy_sim.light import Light
+from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Mask
@@ -71,7 +72,6 @@ class Worlds:
     ambient: Mapping[str, Any]  # arrays, or conditions by name, which are path traced
     flips: bool  # whether each ambient light is also flipped about each axis
     methods: Mapping[str, Name]  # by what the sweep calls them
-    noise: float  # of the photographs, over the mean of the monitor's light, at its least
     conditions: Mapping[str, Any]
     conditions_of: Mapping[str, Mapping[str, Any]]
     mask: Mask | None = None
@@ -111,7 +111,8 @@ class Worlds:
         """Return the world, in its own light or another; its methods are fitted first."""
         true, signals = self.at(values), {n: self.signal(n, snr, values) for n in self.shown}
         wall, calibrates = next(iter(signals.values())), values.get(KNOWN) == CALIBRATED
-        fitted = self._calibrated(values, wall) if calibrates else self.fitted(values, wall)
+        fit = self._calibrated if calibrates else self.fitted
+        fitted = fit(snr, values, wall)
         if lights is None:
             lights = {name: self._light(true, name) for name in self.ambient}
         backgrounds = dict[str, Photograph]()
@@ -166,25 +167,30 @@ class Worlds:
         y = Photograph.of(light.photograph, mask=self.mask, monitor_off=self.monitor_off)
         return replace(y, relative_error=light.relative_error)
 
-    def fitted(self, values: Mapping[str, Any], wall: Photograph) -> dict[str, Any]:
-        """Return the methods, each fitted to an A as fine as its photographs need."""
+    def fitted(self, snr: float, values: Mapping[str, Any], wall: Photograph) -> dict[str, Any]:
+        """Return the methods, each fitted to an A as fine as an SNR needs, whatever the SBR.
+
+        A cell has the same A in whichever run it is computed.
+        """
         scenario, methods = self.assumed(values), dict[str, Any]()
-        for name, fit in self._fits(values, wall).items():
+        for name, fit in self._fits(snr, values, wall).items():
             with self.progress(f"fitting {name}") as done:
-                scenario.transport(self.noise, self.methods[name], progress=done)
+                scenario.transport(noise_to_signal(snr, np.inf), self.methods[name], progress=done)
                 methods[name] = fit(scenario)
         return methods
 
-    def _calibrated(self, values: Mapping[str, Any], wall: Photograph) -> dict[str, Any]:
+    def _calibrated(
+        self, snr: float, values: Mapping[str, Any], wall: Photograph
+    ) -> dict[str, Any]:
         """Return the methods, each of which calibrates the ruler's scene by the photograph."""
         document, ruler = self.at(values).document, self.assumed(values)
         names = tuple(free_parameters(document))
         truth = dict(zip(names, start_values(document, names).tolist(), strict=True))
-        fits = self._fits(values, wall).items()
+        fits = self._fits(snr, values, wall).items()
         return {name: Calibrated(ruler, truth, wall, fit) for name, fit in fits}
 
     def _fits(
-        self, values: Mapping[str, Any], wall: Photograph
+        self, snr: float, values: Mapping[str, Any], wall: Photograph
     ) -> "dict[str, Callable[[Scenario], Method]]":
         """Return what fits each method to a scene; true values have no errors."""
         errors: dict[str, float] | None = {} if _is_known(values) else None
@@ -193,7 +199,9 @@ class Worlds:
             return {n.removeprefix(own): v for n, v in values.items() if n.startswith(own)}
 
         return {
-            name: partial(_fit, method, wall, self.noise, errors, options(f"{name}."))
+            name: partial(
+                _fit, method, wall, noise_to_signal(snr, np.inf), errors, options(f"{name}.")
+            )
             for name, method in self.methods.items()
         }
 

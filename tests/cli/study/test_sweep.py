@@ -177,8 +177,8 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
     assert "\nto make: 2 photographs, 8 matrices\n" in both
 
 
-@pytest.mark.usefixtures("jit", "every_wall_point")
-def test_a_cell_has_one_photograph_whatever_ran_before(succeeds):
+@pytest.mark.usefixtures("jit")
+def test_a_cell_has_one_photograph_and_a_whatever_ran_before(succeeds):
     """With other SNRs before, a sweep's numbers are those of one in an empty folder."""
     study = (
         "sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--hidden-image", "bars",
