@@ -13,8 +13,8 @@ from benchmarks.cases import RENDERED
 from benchmarks.freezing import check_frozen, freeze
 from benchmarks.suites import SUITES
 from experiments.page import one_line_errors
-from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.storage.outputs.provenance import as_text, provenance
+from periscopy_sim.rendering.scene_files import read_document
+from periscopy_sim.storage.provenance import as_text, provenance
 
 app = typer.Typer(add_completion=False, help="The benchmark of periscopy_sim.")
 

@@ -23,9 +23,9 @@ from benchmarks.suites import Suite, crop, geometry
 from experiments.paper.moving_scene import clip
 from experiments.setting import kept, package_sha256
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.formats.srgb import srgb_decode
-from periscopy_sim.storage.outputs.provenance import scene_sha256
 from periscopy_sim.storage.pictures import area_average
+from periscopy_sim.storage.provenance import scene_sha256
+from periscopy_sim.storage.rasters import srgb_decode
 
 Array = NDArray[np.float64]
 

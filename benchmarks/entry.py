@@ -15,8 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.cases import Case, case
 from benchmarks.suites import SUITES
-from periscopy_sim.methods import without_addresses
-from periscopy_sim.own_code import OwnError
+from periscopy_sim.methods import OwnError, without_addresses
 
 Recover = Callable[[Any], Any]
 """Takes a photograph, (rows, columns, 3); returns the hidden image, (R, C, 3)."""

@@ -12,8 +12,8 @@ from benchmarks.entry import Outcome
 from benchmarks.scoring import METRICS, scores
 from benchmarks.suites import VERSION
 from periscopy_sim.evaluation.metrics import gain_matched
-from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import png_bytes
+from periscopy_sim.storage.rasters import srgb_encode
 
 
 class Objective(BaseObjective):

@@ -10,7 +10,7 @@ from typing import Any
 from benchmarks.suites import SUITES, VERSION
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.reconstruction.registry import METHODS
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
 
 HERE = Path(__file__).parent
 

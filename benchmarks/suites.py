@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.shipped import find_image, find_scene
-from periscopy_sim.storage.outputs.provenance import scene_sha256
+from periscopy_sim.storage.provenance import scene_sha256
 
 VERSION = "1"
 """Raise it with every change that moves a number, then run `python -m benchmarks freeze`."""

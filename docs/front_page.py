@@ -17,7 +17,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.transforms import Affine2D
 
 import periscopy_sim as ps
-from periscopy_sim.figures.laboratory.geometry import RoomPlan
+from periscopy_sim.figures.laboratory import RoomPlan
 from periscopy_sim.figures.panels import draw_panels
 from periscopy_sim.figures.style import OKABE_ITO, PAGE, drawn
 

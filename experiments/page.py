@@ -23,10 +23,10 @@ import typer
 import periscopy_sim as ps
 from experiments.report import Section, read_section, write_page, write_section
 from experiments.setting import Setting
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.shipped import scenes_folder
-from periscopy_sim.storage.outputs.provenance import as_text, provenance
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
+from periscopy_sim.storage.provenance import as_text, provenance
 
 Experiment = Callable[..., Section]
 """Takes the page's `Inputs`; most take a `Setting`."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader
 from pydantic import TypeAdapter
 
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
 
 
 class Verdict(StrEnum):

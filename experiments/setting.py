@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 import periscopy_sim as ps
 from periscopy_sim.reconstruction.registry import RAYS
+from periscopy_sim.rendering.load import check_media
+from periscopy_sim.rendering.nodes import SceneNodes
 from periscopy_sim.rendering.photograph import path_trace
-from periscopy_sim.rendering.scene.checks import check_media
-from periscopy_sim.rendering.scene.nodes import SceneNodes
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
-from periscopy_sim.storage.formats.exr import read_exr, write_exr
-from periscopy_sim.storage.outputs.provenance import scene_sha256
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
+from periscopy_sim.storage.provenance import scene_sha256
+from periscopy_sim.storage.rasters import read_exr, write_exr
 
 Array = NDArray[np.float64]
 SNR = 60.0

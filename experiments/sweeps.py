@@ -16,7 +16,7 @@ from periscopy_sim.cli import app
 from periscopy_sim.evaluation.sweep_store import read_sweep
 from periscopy_sim.figures.style import COLUMN, PAGE
 from periscopy_sim.figures.sweeps import draw_sweep
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.rasters import write_exr
 
 if TYPE_CHECKING:
     import xarray as xr

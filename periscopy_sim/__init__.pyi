@@ -1,21 +1,17 @@
 """The public names; each is loaded when first used."""
 
-from .adapters.linear_operator import transport_operator
-from .adapters.torch_transport import TorchTransport
+from .adapters import TorchTransport, transport_operator
 from .analytic.area_transport import analytic_transport
 from .analytic.point_light import paper_grid, point_light_backgrounds, point_light_response
 from .calibration.calibrate import calibrate
 from .calibration.moving_scene import uncertain_transport
 from .calibration.result import Calibration
-from .calibration.silhouette.recover import recover_silhouette
-from .calibration.silhouette.result import Silhouette
+from .calibration.silhouette import Silhouette, recover_silhouette
 from .dataset.configuration import load_configuration
 from .dataset.make import make_dataset
-from .dataset.reading import open_dataset
-from .dataset.torch_dataset import TorchDataset
+from .dataset.reading import TorchDataset, open_dataset
 from .errors import PeriscopyError
-from .evaluation.design import design
-from .evaluation.diagnostics import analyze, diagnose
+from .evaluation.design import analyze, design, diagnose
 from .evaluation.metrics import (
     colour_matched_psnr,
     gain_matched,
@@ -25,10 +21,9 @@ from .evaluation.metrics import (
     registered,
 )
 from .evaluation.study import sweep
-from .evaluation.sweep import Sweep, run_sweep
-from .evaluation.world import World, flips
+from .evaluation.sweep import Sweep, World, flips, run_sweep
 from .figures.display import save_png, show, to_srgb
-from .figures.laboratory.projections import draw
+from .figures.laboratory import draw
 from .hidden import Hidden, Surface
 from .laboratory.build import build_laboratory, lab
 from .light import Light
@@ -37,38 +32,35 @@ from .measurement import Sensor, add_noise, composite
 from .methods import find_method
 from .model.uncertainty import UncertainTransport
 from .photograph import ColourMatrix, Photograph
-from .photographs.defects import defective_pixels
-from .photographs.develop import develop
-from .photographs.marks import WallPoints, WallTags
+from .photographs.develop import defective_pixels, develop
 from .photographs.prepare import Prepared, prepare
-from .reconstruction.baselines.differencing import Differencing
-from .reconstruction.baselines.truncated_svd import TruncatedSVD
-from .reconstruction.noise_aware.noise_aware import NoiseAware, NoiseAwareReconstruction
-from .reconstruction.noise_aware.video import NoiseAwareVideo
-from .reconstruction.noise_aware.views import NoiseAwareViews
-from .reconstruction.preconditioned.preconditioner import Preconditioner, form_preconditioner
-from .reconstruction.preconditioned.still import Periscope, Reconstruction, repair
-from .reconstruction.preconditioned.video import Video
-from .reconstruction.total_variation.prox import prox_total_variation
-from .rendering.ambient.background import Background, render_background
-from .rendering.photograph import render_photograph
-from .rendering.scene.load import load_scene
-from .rendering.transport.bounced import (
-    BouncedLight,
-    BouncedTransport,
-    add_bounces,
-    render_bounced_light,
+from .photographs.wall_view import WallPoints, WallTags
+from .reconstruction.differencing import Differencing
+from .reconstruction.noise_aware import NoiseAware, NoiseAwareReconstruction, NoiseAwareVideo
+from .reconstruction.noise_aware_views import NoiseAwareViews
+from .reconstruction.preconditioned import (
+    Periscope,
+    Preconditioner,
+    Reconstruction,
+    Video,
+    form_preconditioner,
+    repair,
 )
-from .rendering.transport.plan import transport
-from .rendering.transport.shadow_rays import render_transport
+from .reconstruction.total_variation import prox_total_variation
+from .reconstruction.truncated_svd import TruncatedSVD
+from .rendering.ambient import Background, render_background
+from .rendering.bounced import BouncedLight, BouncedTransport, add_bounces, render_bounced_light
+from .rendering.load import load_scene
+from .rendering.photograph import render_photograph
+from .rendering.shadow_rays import render_transport
+from .rendering.transport import transport
 from .rendering.variant import use_variant
 from .scenario import Scenario, load_scenario
 from .scene import Scene
 from .shipped import find_image, find_scene
-from .storage.photographs import read_mask, read_photograph, read_sensor_image
+from .storage.photographs import open_frames, read_mask, read_photograph, read_sensor_image
 from .storage.pictures import read_hidden_image
 from .storage.published import fetch
-from .storage.sequences import open_frames
 from .storage.tables import read_colour_matrix, read_wall_points, read_wall_tags
 from .view import View
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from periscopy_sim.adapters.torch_transport import TorchTransport
-from periscopy_sim.extras import require
+from periscopy_sim.adapters import TorchTransport
+from periscopy_sim.errors import require
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.numerics import Image
 

@@ -1,11 +1,15 @@
 """What a user can fix: each error says what is wrong, where, and what would fix it.
 
-Any other error, a library's ValueError too, is a defect of the package.
+Any other error, a library's ValueError too, is a defect of the package. An extra that is not
+installed is such an error, too: `require` imports its libraries where they are needed.
 """
 
 import os
 import re
 from collections.abc import Iterable
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 _URL = re.compile(r"(?:^|[:=,])[A-Za-z][A-Za-z0-9+.-]+:[/\\]")
 """A URL, alone or in a list, or what `Path` makes of it: one slash. A drive has a single letter."""
@@ -137,3 +141,46 @@ def path_fault(path: str | os.PathLike[str]) -> str:
         return "is a URL; name a path on this machine"
     is_utf8 = text.encode("utf-8", "replace").decode() == text
     return "" if is_utf8 else "has a name that is no UTF-8; rename it"
+
+
+SWEEP = ("xarray", "zarr", "google_crc32c", "distributed", "cloudpickle", "skimage")
+EXTRA_OF = {
+    **dict.fromkeys(SWEEP, "sweep"),
+    "upath": "s3",
+    "rawpy": "raw",
+    "cv2": "tags",
+    "torch": "torch",
+    "deepinv": "deepinv",
+    "websockets": "live",
+    "av": "video",
+    "h5py": "published",
+}
+"""The extra that brings each library."""
+
+
+def installation(*extras: str) -> str:
+    """Return the command that installs extras: `periscopy` on PyPI is another project."""
+    return f"in a copy of the repository: pip install -e '.[{','.join(extras)}]'"
+
+
+def missing(*modules: str) -> str:
+    """Return one line that says which extras bring modules."""
+    are = "are" if modules[1:] else "is"
+    extras = dict.fromkeys(EXTRA_OF[module] for module in modules)
+    return f"this needs {', '.join(modules)}, which {are} not installed; {installation(*extras)}"
+
+
+def require_all(*modules: str) -> None:
+    """Raise a PeriscopyError that names all modules that are not installed; none is imported."""
+    if lacking := [module for module in modules if find_spec(module) is None]:
+        raise PeriscopyError(missing(*lacking))
+
+
+def require(module: str) -> Any:
+    """Import a library that an extra brings; a PeriscopyError says how to install it."""
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        raise PeriscopyError(missing(module)) from None

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.limits import size_of
-from periscopy_sim.numerics.validation import InputError, plain_array
+from periscopy_sim.numerics.validation import InputError, plain_array, size_of
 from periscopy_sim.scene import MONITOR, Scene
 
 GAUSS = 0.5 / np.sqrt(3.0)

@@ -7,23 +7,19 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.analytic.area_transport import has_areas
-from periscopy_sim.calibration.prior import distant_parameters
-from periscopy_sim.calibration.scene_covariance import scene_covariance
+from periscopy_sim.calibration.prior import distant_parameters, scene_covariance
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.methods import Name, entry_of, label_of
 from periscopy_sim.model import spectral_basis
-from periscopy_sim.model.fit import PRECISION
-from periscopy_sim.model.noise import relative_noise
-from periscopy_sim.numerics import Array, Mask, machine
-from periscopy_sim.numerics.words import WAYS
+from periscopy_sim.model.fit import PRECISION, relative_noise
+from periscopy_sim.numerics import Array, Mask, machine, validation
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
+from periscopy_sim.rendering import survey, variant
 from periscopy_sim.rendering.photograph import bounced_light, detail_light
-from periscopy_sim.rendering.survey import shadow_doubt
-from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
-from periscopy_sim.rendering.variant import is_vectorized
+from periscopy_sim.rendering.shadow_rays import RenderedTransport
+from periscopy_sim.view import Geometry
 
 DIFFUSE = "diffuse", "null"
 """Materials whose reflected light, if any, is the same in all directions."""
@@ -49,7 +45,7 @@ def check(scenario: Geometry, method: Name | None = None) -> list[Note]:
     if glossy := {name: each for name, each in reflecting if each not in DIFFUSE}:
         materials = ", ".join(dict.fromkeys(glossy.values()))
         notes.append(Note("glossy", {**of, "names": ", ".join(glossy), "materials": materials}))
-    if doubt := shadow_doubt(scenario):
+    if doubt := survey.shadow_doubt(scenario):
         notes.append(Note("shadows", {**of, "doubt": doubt}))
     return notes
 
@@ -92,7 +88,7 @@ def check_error(
         return []
     by_rays = "areas" if has_areas(scenario) else "rays"
     remedy = {"analytic": "size", "file": "file"}.get(model, by_rays)
-    way = WAYS.get(model, model)
+    way = validation.WAYS.get(model, model)
     percent = {"error": 100 * error, "noise": 100 * noise}
     more = {"remedy": remedy, "more_rays": 4 * (origin["samples"] or RAYS)}
     return [Note("transport_error", {"name": name, "model": way, **percent, **more})]
@@ -165,7 +161,7 @@ def check_bounces(
     A direct A lacks it. Images are in the channels of the fit's planes.
     """
     noise, fit = relative_noise(photograph), fitted.fit
-    if not (noise and is_vectorized()) or scenario.scene.transparent:
+    if not (noise and variant.is_vectorized()) or scenario.scene.transparent:
         return []
     planes = fit.used(bounced_light(scenario, images, seed)).T
     rest = np.sqrt(np.mean(fit.project_out(planes) ** 2, axis=1))

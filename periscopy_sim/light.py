@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.numerics import Image
-from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics import Image, validation
 
 if TYPE_CHECKING:
-    from periscopy_sim.rendering.transport.bounced import BouncedTransport
-    from periscopy_sim.rendering.transport.kernel import Strata
-    from periscopy_sim.rendering.transport.plan import By
+    from periscopy_sim.rendering.bounced import BouncedTransport
+    from periscopy_sim.rendering.shadow_rays import Strata
+    from periscopy_sim.rendering.transport import By
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +54,13 @@ class Light:
                 "samples and by choose how A is computed; leave them out beside a matrix"
             )
         if self.samples is not None:
-            checked("samples", self.samples, "rays")
+            validation.checked("samples", self.samples, "rays")
         if self.bounces is not None:
-            checked("bounces", self.bounces, "bounces")
+            validation.checked("bounces", self.bounces, "bounces")
 
     @property
     def prototypes(self) -> list[str]:
         """Digests of the columns of B, for a record; ``grid`` for Eq. 4."""
-        from periscopy_sim.storage.outputs.provenance import array_sha256
+        from periscopy_sim.storage.provenance import array_sha256
 
         return ["grid" if B is None else array_sha256(B) for B in self.ambient]

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.limits import checked
-from periscopy_sim.numerics.validation import InputError, checked_number, plain_array
+from periscopy_sim.numerics.validation import InputError, checked, checked_number, plain_array
 
 TARGET = 3e-4
 """Relative error of a pixel of ambient light: below a third of the noise of 60 dB."""

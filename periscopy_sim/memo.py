@@ -16,10 +16,7 @@ import numpy as np
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.numerics.machine import available_memory
-from periscopy_sim.storage.formats.decoding import decoding
-from periscopy_sim.storage.outputs.places import user_cache
-from periscopy_sim.storage.outputs.provenance import sha256_of
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage import outputs, places, provenance, rasters
 
 Made = TypeVar("Made")
 
@@ -127,12 +124,12 @@ class ArrayFolder:
                     file.touch()  # the latest is removed last
                 return found
         if self.most_bytes is None:
-            with staged_file(file) as staged:  # tries the place before hours of work
+            with outputs.staged_file(file) as staged:  # tries the place before hours of work
                 np.savez(staged, **_arrays_of(made := make()))
             return made
         made = make()
         with suppress(PeriscopyError, OSError):
-            with staged_file(file) as staged:
+            with outputs.staged_file(file) as staged:
                 np.savez(staged, **_arrays_of(made))
             held = [(each.stat(), each) for each in self.path.glob("[!.]*")]
             held.sort(key=lambda each: each[0].st_mtime_ns, reverse=True)
@@ -151,12 +148,12 @@ def read_only(values: Made) -> Made:
 
 def light_cache() -> ArrayFolder:
     """Return the user's cache of ambient light, which is slow to render and the same for many."""
-    return ArrayFolder(user_cache() / "ambient", LIGHT_BYTES)
+    return ArrayFolder(places.user_cache() / "ambient", LIGHT_BYTES)
 
 
 def _read(file: Path, kind: type[Made]) -> Made:
     """Return what a file of `_arrays_of` holds; a PhotographError says that it is damaged."""
-    with decoding(file, "NPZ"), file.open("rb") as stream, np.load(stream) as archive:
+    with rasters.decoding(file, "NPZ"), file.open("rb") as stream, np.load(stream) as archive:
         held = {name: archive[name] for name in archive.files}
         if kind is np.ndarray:
             return cast(Made, held["array"])
@@ -176,4 +173,4 @@ def _renderer() -> tuple[str, ...]:
     """Return the digest of the code that renders and keeps, and the versions of its libraries."""
     package = Path(__file__).parent
     files = [file for part in RENDERING for file in sorted(package.glob(part))]
-    return sha256_of(files), *map(metadata.version, ("mitsuba", "drjit"))
+    return provenance.sha256_of(files), *map(metadata.version, ("mitsuba", "drjit"))

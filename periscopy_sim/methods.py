@@ -1,33 +1,133 @@
-"""Reconstruction methods by name, a user's own among them."""
+"""Reconstruction methods by name, and a user's own, as ``module:callable`` or ``file.py:callable``.
+
+A user's camera is named like a method.
+"""
 
 import hashlib
 import inspect
 import re
+import runpy
+import sys
+import traceback
 import warnings
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from importlib import import_module
 from pathlib import Path
 from time import thread_time
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from periscopy_sim import own_code
 from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
-from periscopy_sim.numerics import Image
-from periscopy_sim.numerics.machine import one_thread
+from periscopy_sim.numerics import Image, machine
 from periscopy_sim.numerics.validation import InputError, checked_number, plain_array
-from periscopy_sim.own_code import OwnCode
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS, SUCCESSORS, MethodEntry
+
+OwnError = (Exception, SystemExit)
+"""Errors of a user's code that end nothing else; `sys.exit` in it is such an error."""
+
+PACKAGE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class OwnCode:
+    """A user's own code by its name; messages say what it is, such as "method".
+
+    Modules of the working folder are found too.
+    """
+
+    kind: str
+    name: str
+
+    @property
+    def place(self) -> str:
+        """The module or file."""
+        return self.name.rpartition(":")[0]
+
+    @property
+    def attribute(self) -> str:
+        """What it is called there."""
+        return self.name.rpartition(":")[2]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the name has both parts."""
+        return bool(self.place) and all(map(str.isidentifier, self.attribute.split(".")))
+
+    @property
+    def file(self) -> Path | None:
+        """The file, where the module has one."""
+        is_file = self.place.endswith(".py")
+        file = self.place if is_file else self._definitions().get("__file__")
+        return Path(file) if file else None
+
+    def load(self) -> Any:
+        """Return the callable; a PeriscopyError says that it does not exist."""
+        try:
+            defined: Any = SimpleNamespace(**self._definitions())
+            return reduce(getattr, self.attribute.split("."), defined)
+        except AttributeError as error:
+            raise PeriscopyError(
+                f"{self.kind} '{self.name}': there is no '{self.attribute}'; check the name"
+            ) from error
+
+    def _definitions(self) -> dict[str, Any]:
+        """Return what the module or the file defines.
+
+        No other code can import what a file defines, so that pickle sends its definitions along
+        with its objects, to workers that have no such file.
+        """
+        path = Path(self.place).resolve()
+        sys.path.insert(0, str(path.parent))
+        try:
+            with own_errors(f"{self.kind} '{self.name}' cannot be imported", path):
+                if path.suffix == ".py":
+                    return runpy.run_path(self.place, run_name=f"{path.stem} of {path}")
+                return vars(import_module(self.place))
+        finally:
+            sys.path.remove(str(path.parent))
+
+
+def place_of(function: Callable[..., Any]) -> str:
+    """Return the file and the first line of a function, in brackets; empty where it has none."""
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    code = code or getattr(type(function).__call__, "__code__", None)
+    return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""
+
+
+@contextmanager
+def own_errors(failure: str, file: Path | None = None) -> Iterator[None]:
+    """Turn any error of a user's own code into a PeriscopyError that says where it arose.
+
+    It names the failure, the error, and the last line of a file in its traceback: None for the
+    first file that is not of this package. A lack of memory passes.
+    """
+    try:
+        yield
+    except MemoryError:  # says more about the machine than about the code
+        raise
+    except OwnError as error:
+        frames = [
+            (Path(each.filename).resolve(), each.lineno)
+            for each in traceback.extract_tb(error.__traceback__)
+        ]
+        outside = (path for path, _ in frames if PACKAGE not in path.parents)
+        file = file.resolve() if file else next(outside, None)
+        lines = [line for path, line in frames if path == file]
+        where = f" ({file.name}:{lines[-1]})" if file and lines else ""
+        raise PeriscopyError(f"{failure}: {type(error).__name__}: {error}{where}") from error
+
 
 Name = str | Callable[..., Any]
 """A method's name, see `find_method`, or a user's own factory."""
@@ -163,16 +263,16 @@ def without_addresses(message: str) -> str:
 
 
 @contextmanager
-def own_errors(name: Name, what: str) -> Iterator[None]:
+def method_errors(name: Name, what: str) -> Iterator[None]:
     """Turn any error of a user's own method into a PeriscopyError that says where it arose.
 
     It names the method and the consequence `what`, such as "cannot be fitted"; see
-    `own_code.own_errors`. Errors of `METHODS` pass.
+    `own_errors`. Errors of `METHODS` pass.
     """
     if isinstance(name, str) and name in METHODS:
         yield
     else:
-        with own_code.own_errors(f"method '{label_of(name)}' {what}", _file_of(name)):
+        with own_errors(f"method '{label_of(name)}' {what}", _file_of(name)):
             yield
 
 
@@ -192,7 +292,7 @@ def estimates_by(method: Method, photograph: Image, hidden: Hidden, channels: in
     """Reconstruct from a photograph: `checked_images`, with standard errors by surface."""
     fitted: Any = method.fitted_by(photograph) if hasattr(method, "fitted_by") else method
     knows_errors = isinstance(fitted, NoiseAware)
-    with one_thread():
+    with machine.one_thread():
         started = thread_time()
         found = fitted.solve(photograph) if knows_errors else fitted.reconstruct(photograph)
         seconds = thread_time() - started
@@ -255,7 +355,7 @@ class OwnMethod(StillMethod[np.float64]):
                 "left out as black",
                 stacklevel=2,
             )
-        with own_errors(name, "cannot be fitted"):
+        with method_errors(name, "cannot be fitted"):
             method = self._entry.factory(self._scenario, fit.A, fit.whole_background, **keywords)
         if not callable(getattr(method, "reconstruct", None)):
             raise PeriscopyError(
@@ -283,7 +383,7 @@ class OwnMethod(StillMethod[np.float64]):
         mask = None if self.fit.mask is None else self.fit.mask.reshape(light.shape[:-1])
         light = blackened(light, mask)
         channels, method = light.shape[-1], self.method
-        with own_errors(self._entry.name, "failed"):
+        with method_errors(self._entry.name, "failed"):
             found = checked_images(method.reconstruct(light), self.hidden, channels)
         image = self.hidden.image(self.hidden.join(found).astype(np.float64))
         return Solution(image, np.zeros(channels), 0.0)

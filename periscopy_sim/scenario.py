@@ -11,35 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.light import Light
-from periscopy_sim.measurement import (
-    TARGET,
-    add_noise,
-    composite,
-    composite_error,
-    noise_to_signal,
-)
+from periscopy_sim.measurement import TARGET, add_noise, composite, composite_error, noise_to_signal
 from periscopy_sim.memo import Memo, light_cache, read_only
-from periscopy_sim.numerics import Array, Image
-from periscopy_sim.numerics.limits import checked
+from periscopy_sim.numerics import Array, Image, validation
 from periscopy_sim.numerics.machine import Stage, silent
-from periscopy_sim.numerics.validation import is_name
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.scene import CALIBRATED, CAMERA, Scene
 from periscopy_sim.shipped import DARK, find_condition, find_image, is_photograph
+from periscopy_sim.view import Geometry
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
     from periscopy_sim.methods import Name
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
-    from periscopy_sim.rendering.ambient.background import Background
+    from periscopy_sim.rendering.ambient import Background
+    from periscopy_sim.rendering.bounced import BouncedTransport
     from periscopy_sim.rendering.photograph import Rendering
-    from periscopy_sim.rendering.transport.bounced import BouncedTransport
-    from periscopy_sim.rendering.transport.plan import TransportPlan
+    from periscopy_sim.rendering.transport import TransportPlan
 
 Progress = Callable[[float], None]
 """Called with the fraction done."""
@@ -117,7 +109,7 @@ class Scenario(Geometry):
         A method whose entry asks for rays gets them. A noise of None is that of 60 dB.
         """
         from periscopy_sim.methods import entry_of
-        from periscopy_sim.rendering.transport.plan import NOISE, TransportPlan, planned
+        from periscopy_sim.rendering.transport import NOISE, TransportPlan, planned
 
         light = self.light
         if light.matrix is not None:
@@ -155,11 +147,7 @@ class Scenario(Geometry):
         VariantError
             If rays are needed in a scalar variant.
         """
-        from periscopy_sim.rendering.transport.bounced import (
-            DIRECT,
-            BouncedLight,
-            render_bounced_light,
-        )
+        from periscopy_sim.rendering.bounced import DIRECT, BouncedLight, render_bounced_light
 
         light = self.light
         if light.matrix is not None:
@@ -191,8 +179,8 @@ class Scenario(Geometry):
 
         Small bright details err more than the white light that `plan` looks at.
         """
-        from periscopy_sim.rendering.transport.bounced import DIRECT, add_bounces
-        from periscopy_sim.rendering.transport.plan import planned_for
+        from periscopy_sim.rendering.bounced import DIRECT, add_bounces
+        from periscopy_sim.rendering.transport import planned_for
 
         light, seed = self.light, self.seed
         error, A = planned_for(images, self, noise, by=light.by, samples=light.samples, seed=seed)
@@ -210,13 +198,15 @@ class Scenario(Geometry):
 
         hidden, shapes = self.hidden, self.hidden.shapes
         by_id = image if isinstance(image, Mapping) else dict.fromkeys(hidden, image)
-        given = {n: find_image(e) if is_name(e) else e for n, e in hidden.by_id(by_id).items()}
+        given = {
+            n: find_image(e) if validation.is_name(e) else e for n, e in hidden.by_id(by_id).items()
+        }
 
         def make() -> Any:
             pictures = {n: read_hidden_image(given[n], shapes[n]) for n in hidden}
             return hidden.unwrapped({n: read_only(each) for n, each in pictures.items()})
 
-        if not all(map(is_name, given.values())):
+        if not all(map(validation.is_name, given.values())):
             return make()
         changed = [file.stat().st_mtime_ns for file in given.values()]
         key = "image", *given.items(), *shapes.values(), *changed
@@ -231,14 +221,14 @@ class Scenario(Geometry):
         C) in any unit or its file, has no known error; ``none`` is black. `target` is the relative
         error of a pixel to reach.
         """
-        from periscopy_sim.rendering.ambient.background import Background, render_background
+        from periscopy_sim.rendering.ambient import Background, render_background
         from periscopy_sim.storage.photographs import read_photograph
 
-        if is_name(light) and str(light) == DARK:
+        if validation.is_name(light) and str(light) == DARK:
             black = np.zeros((*self.photograph_shape, self.channel_gain.shape[-1]))
             return Background(black, 0.0, 0.0)
         if is_photograph(light):
-            read: Any = read_photograph if is_name(light) else Photograph.of
+            read: Any = read_photograph if validation.is_name(light) else Photograph.of
             photograph = read(light, self.photograph_shape)
             channels = self.channel_gain.shape[-1] if photograph.channels == 1 else 1
             values = np.repeat(photograph.values, channels, axis=2)
@@ -263,7 +253,7 @@ class Scenario(Geometry):
         return {key: n for key, n in keys.items() if not self.memo.holds(key, light_cache())}
 
     def _ambient_key(self, path: Path, target: float) -> tuple[Any, ...]:
-        from periscopy_sim.storage.outputs.provenance import scene_sha256
+        from periscopy_sim.storage.provenance import scene_sha256
 
         wall = self.photograph_shape, self._wall_digest
         return "ambient", scene_sha256(path), *wall, self.seed, target
@@ -282,7 +272,7 @@ class Scenario(Geometry):
         It is kept; see `photograph`, which adds ambient light and noise.
         """
         from periscopy_sim.rendering.photograph import Rendering, rendering_of
-        from periscopy_sim.storage.outputs.provenance import image_sha256
+        from periscopy_sim.storage.provenance import image_sha256
 
         render = partial(
             rendering_of, self, image, snr=snr, samples=samples, bounces=bounces, seed=self.seed,
@@ -340,17 +330,17 @@ class Scenario(Geometry):
         """
         from periscopy_sim.rendering.photograph import SNR, excess_of
 
-        if is_name(ambient) and str(ambient) == DARK:
+        if validation.is_name(ambient) and str(ambient) == DARK:
             if sbr is not None:
                 raise PeriscopyError(f"sbr: ambient {DARK} has no SBR; leave one of them out")
             ambient = None
         if (ambient is None) != (sbr is None):
             raise PeriscopyError("ambient light and an SBR go together; give both or neither")
-        if any(map(is_name, image.values() if isinstance(image, Mapping) else [image])):
+        if any(map(validation.is_name, image.values() if isinstance(image, Mapping) else [image])):
             image = self.image(image)
         for name, value, kind in (("snr", snr, "decibels"), ("sbr", sbr, "ratio")):
             if value is not None:
-                checked(name, [value], kind)
+                validation.checked(name, [value], kind)
         colours = ColourMatrix.of(colour_matrix)
         mixed = np.array if colours is None else colours.mix
         light = None if ambient is None else self.ambient(ambient, target=target)
@@ -410,7 +400,7 @@ class Scenario(Geometry):
         """
         from periscopy_sim import judgement
         from periscopy_sim.methods import entry_of, fit_method, key_of, label_of, source_sha256
-        from periscopy_sim.rendering.transport.bounced import channels_mean
+        from periscopy_sim.rendering.bounced import channels_mean
 
         source = source_sha256(name)  # rejects what is no method before anything is rendered
         photograph = None if photograph is None else self._checked(photograph)
@@ -446,7 +436,7 @@ class Scenario(Geometry):
 
         It is that of the channel with the least.
         """
-        from periscopy_sim.model.noise import relative_noise
+        from periscopy_sim.model.fit import relative_noise
 
         return relative_noise(photograph)
 
@@ -507,7 +497,7 @@ class Scenario(Geometry):
     def check_light(self, noise: float | None, method: "Name" = DEFAULT) -> "list[Note]":
         """Return notes on A beside photographs of some noise: its error, surfaces hardly seen."""
         from periscopy_sim import judgement
-        from periscopy_sim.rendering.transport.bounced import channels_mean
+        from periscopy_sim.rendering.bounced import channels_mean
 
         A = channels_mean(self.transport(noise, method))
         light, origin = self.light, self.plan(noise, method).origin
@@ -542,7 +532,7 @@ class Scenario(Geometry):
         """
         from periscopy_sim import judgement
         from periscopy_sim.reconstruction.method import Solution, StillMethod
-        from periscopy_sim.rendering.transport.bounced import BouncedTransport
+        from periscopy_sim.rendering.bounced import BouncedTransport
 
         photograph = self._checked(photograph)
         fitted: StillMethod[Any] = (
@@ -582,7 +572,7 @@ class Scenario(Geometry):
     @cached_property
     def digest(self) -> tuple[Any, ...]:
         """What direct light depends on: the scene's files and values, the view and the patches."""
-        from periscopy_sim.storage.outputs.provenance import scene_sha256
+        from periscopy_sim.storage.provenance import scene_sha256
 
         view, surfaces = self.view, self.hidden.items()
         document = scene_sha256(self.document) if self.document.files else ""
@@ -608,7 +598,7 @@ def _members(value: Any) -> list[Any]:
 
 def _sha256(values: Iterable[Any]) -> tuple[str, ...]:
     """Return the digests of those of some values that are arrays, and "" of others."""
-    from periscopy_sim.storage.outputs.provenance import array_sha256
+    from periscopy_sim.storage.provenance import array_sha256
 
     return tuple(array_sha256(v) if isinstance(v, np.ndarray) else "" for v in values)
 
@@ -664,12 +654,12 @@ def load_scenario(
         lack a surface, one lies in another or faces away, or A cannot treat a material, a medium,
         or a surface's place or UV.
     """
-    from periscopy_sim.rendering.scene.load import load_geometry
+    from periscopy_sim.rendering.load import load_geometry
 
     for name, value, kind in (("parameters", parameters, Mapping), ("light", light, Light)):
         if not isinstance(value, kind | None):
             what = "a dictionary" if kind is Mapping else "a ps.Light"
             raise PeriscopyError(f"{name} is of type {type(value).__name__}: give {what}")
-    checked("seed", [seed], "seed")
+    validation.checked("seed", [seed], "seed")
     seen = load_geometry(scene, hidden, parameters, photograph=photograph, camera=camera)
     return Scenario(seen.view, seen.hidden, light or Light(), seed)

@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from periscopy_sim.rendering.scene.nodes import SceneNodes
-from periscopy_sim.rendering.scene.wall import camera_of, shape_of
-from periscopy_sim.rendering.variant import (
-    OVERRIDE,
-    examine_variants,
-    mi,
-    use_variant,
-)
+from periscopy_sim.rendering.nodes import SceneNodes
+from periscopy_sim.rendering.variant import OVERRIDE, examine_variants, mi, use_variant
+from periscopy_sim.rendering.wall import camera_of, shape_of
 from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import ADVERSARIAL, REALISTIC, find_scene
 

@@ -40,12 +40,11 @@ FLOORS = [
     {"storage"},
     {"photographs", "rendering", "analytic", "reconstruction", "measurement"},
     {"model"},
-    {"photograph", "hidden", "view", "scene", "geometry", "shipped", "extras", "testing"},
-    {"own_code"},
+    {"photograph", "hidden", "view", "scene", "shipped", "testing"},
     {"numerics", "errors"},
 ]
 MAKERS = {"rendering", "analytic", "model"}
-DOCTOR = "periscopy_sim.cli.doctor"
+DOCTOR = "periscopy_sim.cli.start"
 FLOOR = {part: -level for level, parts in enumerate(FLOORS) for part in parts}
 
 
@@ -159,14 +158,14 @@ FORBIDDEN = [
     ("periscopy_sim.reconstruction.method", "import periscopy_sim"),
     ("periscopy_sim.reconstruction.method", "def f():\n    from .. import scenario"),
     ("periscopy_sim.analytic.transport", "from ..rendering import transport"),
-    ("periscopy_sim.geometry", "if x:\n    import periscopy_sim.measurement as m"),
-    ("periscopy_sim.storage.formats.rasters", "import_module('periscopy_sim.cli.demo')"),
+    ("periscopy_sim.view", "if x:\n    import periscopy_sim.measurement as m"),
+    ("periscopy_sim.storage.rasters", "import_module('periscopy_sim.cli.start')"),
     ("periscopy_sim.dataset", "from experiments import validation"),
-    ("periscopy_sim.cli.video", "from periscopy_sim.rendering.transport.plan import planned"),
+    ("periscopy_sim.cli.reconstruct", "from periscopy_sim.rendering.transport import planned"),
 ]
 ALLOWED = [
     ("periscopy_sim.reconstruction.method", "import numpy\nfrom . import observation"),
-    ("periscopy_sim.cli.demo", "from periscopy_sim import psnr\nimport periscopy_sim as ps"),
+    ("periscopy_sim.cli.start", "from periscopy_sim import psnr\nimport periscopy_sim as ps"),
     ("experiments.validation", "import periscopy_sim as ps\nfrom experiments import setting"),
 ]
 
@@ -228,7 +227,7 @@ def test_only_the_variant_module_sets_the_variant():
     assert setters == {"periscopy_sim.rendering.variant", f"{STANDING_APART}.render"}
 
 
-READERS = "storage.sequences", "storage.outputs.provenance", "storage.photographs"
+READERS = "storage.provenance", "storage.photographs"
 HELP = "import typer; p = typer.main.get_command(app); [p.get_command(None, n) for n in MODULES]"
 
 

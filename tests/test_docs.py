@@ -16,8 +16,8 @@ import typer
 
 import periscopy_sim as ps
 from periscopy_sim.cli import app
-from periscopy_sim.cli.study.study_file import EXAMPLE as STUDY
-from periscopy_sim.rendering.ambient import background
+from periscopy_sim.cli.sweep import EXAMPLE as STUDY
+from periscopy_sim.rendering import ambient
 from periscopy_sim.rendering.variant import is_vectorized, use_variant
 
 ROOT = Path(__file__).parents[1]
@@ -105,7 +105,7 @@ def test_readme_runs(tmp_path, monkeypatch):
     if not is_vectorized():
         pytest.skip("path tracing takes too long without LLVM or CUDA")
     monkeypatch.setitem(ps.render_background.__kwdefaults__, "target", 1e-3)
-    monkeypatch.setattr(background, "DIRECT_SAMPLES", background.DIRECT_SAMPLES // 4)
+    monkeypatch.setattr(ambient, "DIRECT_SAMPLES", ambient.DIRECT_SAMPLES // 4)
     run_page(ROOT / "README.md", tmp_path, monkeypatch)
 
 

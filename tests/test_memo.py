@@ -15,7 +15,7 @@ import periscopy_sim as ps
 from periscopy_sim import memo as memos
 from periscopy_sim.errors import OutputError
 from periscopy_sim.memo import Memo
-from periscopy_sim.rendering.ambient import background
+from periscopy_sim.rendering import ambient
 
 
 class Maker:
@@ -97,10 +97,10 @@ KINDS = {
     "ambient": lambda scene: scene.ambient(OVERCAST, target=0.05).photograph,
 }
 MAKERS = {
-    "rendering.transport.plan": ("planned", "render_transport", "area_transport"),
-    "rendering.transport.bounced": ("render_bounced_light",),
+    "rendering.transport": ("planned", "render_transport", "area_transport"),
+    "rendering.bounced": ("render_bounced_light",),
     "rendering.photograph": ("rendering_of",),
-    "rendering.ambient.background": ("render_background",),
+    "rendering.ambient": ("render_background",),
 }
 OVERCAST = ps.find_scene("ambient/overcast")
 
@@ -198,9 +198,9 @@ def rendered(monkeypatch):
         calls.append(path.stem)
         rng = np.random.default_rng([seed, len(calls)])
         picture = rng.uniform(1, 2, (*scenario.photograph_shape, 3))
-        return background.Background(picture, target, 0.0)
+        return ambient.Background(picture, target, 0.0)
 
-    monkeypatch.setattr(background, "render_background", render)
+    monkeypatch.setattr(ambient, "render_background", render)
     return calls
 
 

@@ -12,13 +12,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.methods import (
-    METHODS,
-    checked_images,
-    find_method,
-    fit_method,
-    source_sha256,
-)
+from periscopy_sim.methods import METHODS, checked_images, find_method, fit_method, source_sha256
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.photograph import ColourMatrix, Photograph
 

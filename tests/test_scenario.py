@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.scene_covariance import SceneCovariance
+from periscopy_sim.calibration.prior import SceneCovariance
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import add_noise
 from periscopy_sim.memo import Memo

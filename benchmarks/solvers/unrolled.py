@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.cases import Case
 from benchmarks.entry import Entry
-from periscopy_sim.extras import missing
+from periscopy_sim.errors import missing
 
 
 class Solver(Entry):

@@ -33,14 +33,13 @@ from experiments.page import Out, one_line_errors
 from experiments.report import Claim, Picture, Section, Verdict, write_page
 from experiments.setting import Setting
 from periscopy_sim.figures.style import COLUMN, OKABE_ITO, drawn
-from periscopy_sim.live.frames import open_source
-from periscopy_sim.live.preparation import Companions
+from periscopy_sim.live.frames import Companions, open_source
 from periscopy_sim.live.watch import WatchSession
 from periscopy_sim.numerics import Array
 from periscopy_sim.photographs.wall_view import fit_homography, project, wall_plane
-from periscopy_sim.storage.formats.srgb import srgb_bytes
-from periscopy_sim.storage.outputs.provenance import as_text, provenance
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
+from periscopy_sim.storage.provenance import as_text, provenance
+from periscopy_sim.storage.rasters import srgb_bytes
 
 RATE, LATENCY, SECONDS = 30.0, 0.1, 20.0
 """Goals: frames a second and seconds to the pixels; how long they are measured."""

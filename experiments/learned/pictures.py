@@ -18,11 +18,9 @@ import typer
 from numpy.typing import NDArray
 
 from periscopy_sim.figures.style import mpl
-from periscopy_sim.storage.formats.exr import read_exr
-from periscopy_sim.storage.formats.srgb import srgb_encode
-from periscopy_sim.storage.outputs.provenance import sha256_of
-from periscopy_sim.storage.outputs.resume import resumed_folder
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
+from periscopy_sim.storage.provenance import resumed_folder, sha256_of
+from periscopy_sim.storage.rasters import read_exr, srgb_encode
 
 Picture = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.learned.unrolled import HIDDEN, Problem, problem_of
 from periscopy_sim.calibration.prior import declared_errors
-from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.storage.outputs.resume import resumed_folder
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.rendering.scene_files import read_document
+from periscopy_sim.storage.outputs import staged_file
+from periscopy_sim.storage.provenance import resumed_folder
 
 RIGHT = 0.75
 """Share of a geometry's photographs that are solved in the scene as it is."""

@@ -26,8 +26,8 @@ from experiments.learned.samples import Samples
 from experiments.learned.unrolled import HIDDEN, Problems, UnrolledNetwork, write_weights
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.spectral_basis import SpectralBasis
-from periscopy_sim.storage.outputs.provenance import sha256_of
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
+from periscopy_sim.storage.provenance import sha256_of
 
 BATCH = 16
 RATE = 1e-3

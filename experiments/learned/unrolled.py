@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.extras import require
+from periscopy_sim.errors import require
 from periscopy_sim.model.spectral_basis import laplacian
 
 torch = require("torch")

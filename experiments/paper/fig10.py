@@ -15,7 +15,7 @@ from experiments.drawing import PAGE, drawn, wall_extent
 from experiments.report import Claim, Picture, Section, Verdict
 from experiments.setting import FREE_OF_NOISE, Setting
 from periscopy_sim.figures.style import mpl, plain_ticks
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.preconditioned import form_preconditioner
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import periscopy_sim as ps
 from experiments.drawing import PAGE, drawn, wall_extent
 from experiments.report import Claim, Picture, Section, Verdict
 from experiments.setting import Setting
-from periscopy_sim.model.ambient import RANK_TOLERANCE, background_basis
+from periscopy_sim.model.transport_operator import RANK_TOLERANCE, background_basis
 
 Array = NDArray[np.float64]
 

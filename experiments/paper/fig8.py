@@ -14,8 +14,8 @@ from experiments.drawing import PAGE, drawn
 from experiments.report import Claim, Picture, Section, Verdict
 from experiments.setting import GLASS, SNR, Setting
 from periscopy_sim.figures.panels import show_light
-from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.differencing import neighbour_differences
+from periscopy_sim.reconstruction.preconditioned import form_preconditioner
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,9 @@ from numpy.typing import NDArray
 import periscopy_sim as ps
 from experiments.report import Claim, Section, Verdict
 from experiments.setting import FREE_OF_NOISE, SNR, Setting
-from periscopy_sim.evaluation.diagnostics import (
-    Diagnostics,
-    condition_number,
-    residual_background,
-)
-from periscopy_sim.model.ambient import RANK_TOLERANCE
-from periscopy_sim.reconstruction.baselines.differencing import neighbour_differences
+from periscopy_sim.evaluation.design import Diagnostics, condition_number, residual_background
+from periscopy_sim.model.transport_operator import RANK_TOLERANCE
+from periscopy_sim.reconstruction.differencing import neighbour_differences
 
 Array = NDArray[np.float64]
 Matrix = NDArray[np.float32]

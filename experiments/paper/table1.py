@@ -17,7 +17,7 @@ import periscopy_sim as ps
 from experiments.report import Claim, Section, Table, Verdict
 from experiments.setting import SNR, FittedScene, Setting
 from experiments.timing import clocked
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.preconditioned import form_preconditioner
 from periscopy_sim.reconstruction.registry import METHODS
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from experiments.published.recovered import NATURE, OURS, PAPER, Recovered, pict
 from experiments.published.setting import AMBIENT, CHAIR, Capture, PublishedSetting
 from experiments.report import Claim, Section, Table, Verdict
 from experiments.setting import FittedScene
-from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.transport_operator import background_basis
 from periscopy_sim.numerics import Array
 
 LEVELS = {

@@ -14,7 +14,6 @@ from experiments.setting import FittedScene
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.storage.formats.rasters import bayer_colours
 from periscopy_sim.storage.pictures import area_average
 from periscopy_sim.storage.published import (
     PublishedSet,
@@ -23,6 +22,7 @@ from periscopy_sim.storage.published import (
     capture_truth,
     published_sets,
 )
+from periscopy_sim.storage.rasters import bayer_colours
 
 COLLECTION = "saunders2019-"
 """How the names of the sets begin."""

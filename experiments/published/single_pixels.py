@@ -10,7 +10,7 @@ from experiments.published.setting import BLOCKS, Capture, PublishedSetting
 from experiments.report import Picture, Section, Table
 from experiments.setting import FittedScene
 from periscopy_sim.figures.panels import displayable, draw_panels
-from periscopy_sim.model.ambient import background_basis
+from periscopy_sim.model.transport_operator import background_basis
 from periscopy_sim.numerics import Array
 
 LIT = 0.5

@@ -17,8 +17,8 @@ import periscopy_sim as ps
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.wall_gain import WallGain
 from periscopy_sim.numerics import Array
-from periscopy_sim.storage.formats.srgb import srgb_decode
 from periscopy_sim.storage.published import DECODING
+from periscopy_sim.storage.rasters import srgb_decode
 
 BLUR = 8.0
 """Standard deviation in pixels of the Gaussian that blurs the noise of ambient light away."""

@@ -29,7 +29,7 @@ from experiments.studies.wrong_scenes.subjects import (
     subjects,
 )
 from periscopy_sim.numerics import Array
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
 
 COUNTS = 1, 2, 4, 8
 PICTURES = "mushroom", "letters", "digits", "still_life", "bars", "siemens", "sunset", "checker"

@@ -24,7 +24,7 @@ from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.shipped import scenes_folder
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
 
 HIDDEN = 29, 36
 SCENES = "chair", "plate"

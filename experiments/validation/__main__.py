@@ -20,7 +20,7 @@ from experiments.validation.solver import within
 from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
 
 Array = NDArray[np.float64]
 SCENES = ("chair", "plate", "plant")

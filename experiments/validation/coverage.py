@@ -9,9 +9,8 @@ from skimage import color, data, img_as_float, transform
 
 import periscopy_sim as ps
 from experiments.validation.solver import within
-from periscopy_sim.dataset.distributions import Distribution
-from periscopy_sim.dataset.hidden_sources import Shapes, Smooth
-from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.dataset.configuration import Distribution, Shapes, Smooth
+from periscopy_sim.storage.rasters import srgb_decode
 
 Array = NDArray[np.float64]
 HIDDEN, FINE = (15, 18), (30, 36)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
-from periscopy_sim.evaluation.diagnostics import residual_background
+from periscopy_sim.evaluation.design import residual_background
 
 Array = NDArray[np.float64]
 HIDDEN = (29, 36)

@@ -9,7 +9,7 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.variant import mi
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.rasters import write_exr
 
 SCENES = Path(__file__).with_name("scenes")
 

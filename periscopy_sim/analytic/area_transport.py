@@ -18,17 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from periscopy_sim.analytic.border_motion import light_derivatives
+from periscopy_sim.analytic import patch_light
 from periscopy_sim.analytic.clipped_light import Patches, clipped_rows, hides_itself, patches_of
-from periscopy_sim.analytic.outline import Borders, borders_of
-from periscopy_sim.analytic.patch_light import Lighting, light_rows
 from periscopy_sim.errors import ClosedFormError
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Surface
-from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.machine import in_parallel, ranges
+from periscopy_sim.numerics import Array, machine
 from periscopy_sim.scene import Scene
-from periscopy_sim.view import LIFT, View, WallFrame
+from periscopy_sim.view import LIFT, Geometry, View, WallFrame
 
 CELLS = 12
 """Rows and columns of cells, at least, over which light is linear: to 1e-5 of the chair's A."""
@@ -160,7 +156,7 @@ class Way(ABC):
             own *= self.scale
             np.maximum(own, 0, out=own)  # of a patch in full shadow rounding is left
 
-        in_parallel(part, ranges(len(A)))
+        machine.in_parallel(part, machine.ranges(len(A)))
         return A
 
     @abstractmethod
@@ -184,14 +180,16 @@ class Outlines(Way):
     cut: NDArray[np.int64]  # (2,)
 
     @cached_property
-    def borders(self) -> Borders:
+    def borders(self) -> patch_light.Borders:
         """The edges of the meshes."""
-        return borders_of(self.meshes)
+        return patch_light.borders_of(self.meshes)
 
     def fill(self, rows: slice, out: NDArray[Any]) -> None:
         """Fill `out` with the light of each patch in some rows, over the scale."""
-        lit = Lighting(self.points[rows], self.normals[rows], self.cells, self.exponents)
-        light_rows(lit, self.borders, self.shape, self.cut, out)
+        lit = patch_light.Lighting(
+            self.points[rows], self.normals[rows], self.cells, self.exponents
+        )
+        patch_light.light_rows(lit, self.borders, self.shape, self.cut, out)
 
     @property
     def vertices(self) -> Array:
@@ -212,12 +210,16 @@ class Outlines(Way):
 
         def part(some: tuple[int, int]) -> None:
             at = slice(*some)
-            lit = Lighting(self.points[at], self.normals[at], self.cells, self.exponents)
-            by = Lighting(points[:, at], normals[:, at], cells, exponents)
+            lit = patch_light.Lighting(
+                self.points[at], self.normals[at], self.cells, self.exponents
+            )
+            by = patch_light.Lighting(points[:, at], normals[:, at], cells, exponents)
             out = changes[:, at]
-            light_derivatives(lit, by, vertices, self.borders, self.shape, self.cut, out)
+            patch_light.light_derivatives(
+                lit, by, vertices, self.borders, self.shape, self.cut, out
+            )
 
-        in_parallel(part, ranges(len(A)))
+        machine.in_parallel(part, machine.ranges(len(A)))
         changes *= self.scale
         for change, by in zip(changes, scales, strict=True):
             if by:

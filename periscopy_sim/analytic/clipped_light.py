@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.patch_light import falloff
 from periscopy_sim.hidden import GAUSS, Surface
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.compilation import compiled
+from periscopy_sim.numerics.products import compiled
 
 BLOCK = 16
 """Patches for which faces are sorted out at once."""

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.compilation import compiled_reordered
+from periscopy_sim.numerics.products import compiled_reordered
 from periscopy_sim.numerics.validation import InputError, plain_array
-from periscopy_sim.view import View
+from periscopy_sim.view import Geometry, View
 
 FIELD_OF_VIEW = 0.401
 """Side of the paper's field of view, in metres."""

@@ -8,29 +8,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import ways_to
-from periscopy_sim.calibration.prior import (
-    Free,
-    free_parameters,
-    ruled_values,
-    uncertain_parameters,
-)
+from periscopy_sim.calibration import prior, trust
 from periscopy_sim.calibration.problem import CalibrationProblem
 from periscopy_sim.calibration.resolution_level import Candidate, ResolutionLevel
 from periscopy_sim.calibration.result import Calibration, Parameter, Rival
 from periscopy_sim.calibration.search import Search
-from periscopy_sim.calibration.trust import (
-    colour_matrix,
-    determined_count,
-    doubts,
-    is_significant,
-    misfits,
-    standard_errors,
-)
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.photograph import Photograph, of_one_wall
-from periscopy_sim.rendering.scene.load import load_geometry
+from periscopy_sim.rendering.load import load_geometry
 from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.scene import CAMERA, Scene
 
@@ -39,7 +26,7 @@ def calibrate(
     photograph: Photograph | Image | Sequence[Photograph | Image],
     scene: str | Path | Scene,
     hidden: Sizes,
-    free: Free | None = None,
+    free: prior.Free | None = None,
     *,
     shown: Sequence[Image | Mapping[str, Image]] = (),
     parameters: Mapping[str, str | float] | None = None,
@@ -110,10 +97,10 @@ def calibrate(
         )
     if shown and photographs[0].colour_matrix is not None:
         raise PhotographError("a shown picture determines the colour matrix: leave one of them out")
-    errors = free_parameters(scenario.document, free, uncertain or {})
+    errors = prior.free_parameters(scenario.document, free, uncertain or {})
     names, deviations = tuple(errors), np.array(list(errors.values()))
-    centers = ruled_values(scenario.document, names)
-    held = uncertain_parameters(scenario.document, names, uncertain)
+    centers = prior.ruled_values(scenario.document, names)
+    held = prior.uncertain_parameters(scenario.document, names, uncertain)
     scenario = scenario.at(**dict(zip(names, centers.tolist(), strict=True)))
     ways_to(scenario)
     if doubt := shadow_doubt(scenario):
@@ -140,7 +127,7 @@ def _calibrated(
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))
     gained = measured.objective_at(κ) - end.objective
-    moved = is_significant(gained, determined_count(end, len(names)))
+    moved = trust.is_significant(gained, trust.determined_count(end, len(names)))
     best, rivals = (end, search.rivals) if moved else (measured, [])
     whole_odds = 1 + sum(odds for _, odds in rivals)
     values = fine.values(best.point)
@@ -148,16 +135,18 @@ def _calibrated(
     point = np.concatenate([fine.values(end.point), whole.centers[len(names) :], gain])
     whole = whole.with_misfit(whole.candidate(point))
     joint = whole.look(whole.candidate(point), κ)
-    statistical, total, correlation, moves = standard_errors(problem, joint, sum(search.spread))
-    colours = colour_matrix(problem, end, joint) if problem.pictures else (None, None)
-    known = determined_count(joint, len(names))
+    statistical, total, correlation, moves = trust.standard_errors(
+        problem, joint, sum(search.spread)
+    )
+    colours = trust.colour_matrix(problem, end, joint) if problem.pictures else (None, None)
+    known = trust.determined_count(joint, len(names))
     if not moved:  # what the photograph says is of the discarded end
         statistical = total = problem.errors
         correlation, moves, κ, known = np.eye(len(names)), 0 * moves, 1.0, np.inf
     distances = (values - problem.centers) / problem.errors
     start, kept = (level.plainly(each.point) for each in (measured, best))
-    misfit = misfits(kept, problem.camera_noise(fine.scene.pixels.size))
-    reasons = doubts(names, distances, known, misfit)
+    misfit = trust.misfits(kept, problem.camera_noise(fine.scene.pixels.size))
+    reasons = trust.doubts(names, distances, known, misfit)
     columns = problem.centers, values, statistical, total, problem.errors
     scale = float(np.sqrt(np.mean(np.concatenate([g.light.ravel() for g in fine.groups]) ** 2)))
     before, after = (

@@ -6,7 +6,7 @@ from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import comment, literal, read_document
+from periscopy_sim.rendering.scene_files import comment, literal, read_document
 from periscopy_sim.scene import SceneDocument
 
 

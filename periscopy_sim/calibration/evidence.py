@@ -15,22 +15,52 @@ are the generalized eigenvalues and vectors of (X⊥ᵀX⊥, K), X = A S, z = W�
 range(B) out. Each α_c minimizes E_c, unless x is a multiple s of a typical m but for a deviation in
 proportion to s: α_c is then σ_c²/s², and the slope leaves out that s moves. The mean is
 x̂ = W z/(μ + α).
+
+`CorrelatedNoise` is shared by neighbouring pixels: smooth light that a scene lacks, or has too
+much.
+
+    n_c ~ N(0, σ_c² (I + Φ diag(d) Φᵀ))
+
+Bounces, paint and shapes that are not as their file says change light smoothly, by less than 1 %,
+but by more than the mean over many pixels errs. Taken for white noise, that light moves a scene
+until its shadows explain it. The columns of Φ are orthonormal waves over the wall, beyond the
+ambient light. Those of one octave share one d: their variance in a residual over white noise's.
+
+`SharpImages` are nonnegative and have few edges. What they minimize,
+
+    E = F Σ_c log ‖y⊥_c − A⊥ f̂_c‖² + 6 N log(‖A⊥‖_F V),   V = Σ ‖∇f̂‖,   f̂ ≥ 0
+
+is twice the negative logarithm of a posterior density, less a constant, where it is largest. The
+noise is white, with F dimensions beyond the ambient light and an unknown σ_c. The density of the
+3 N values of an image is proportional to λ^(3 N) exp(−λ V) with an unknown λ. At the maximum
+
+    σ_c² = ‖y⊥_c − A⊥ f̂_c‖² / F,   λ = 3 N / V,
+
+and f̂ is the noise-aware image of σ and 2 λ. V also counts the edges to the dark beyond the
+borders. Otherwise the objective favours places where part of the image lies beyond them. The
+noise-aware image ignores these edges, so the slope is up to 1.45 times too large where the image is
+bright at a border. ‖A⊥‖_F counts edges in units of their light on the wall: without it, the scene
+that needs the darkest image would be the best. V has σ √N/‖A⊥‖_F added, the radiance of one patch
+that is just visible above the noise. Without it a black image has an unbounded density, and scenes
+that explain nothing would be the best.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.hidden import Hidden
-from periscopy_sim.numerics import Array
+from periscopy_sim.hidden import Differences, Hidden
+from periscopy_sim.model.uncertainty import curvature_of_total_variation
+from periscopy_sim.numerics import Array, Mask
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 
 Matrix = NDArray[np.floating[Any]]
 
@@ -41,7 +71,7 @@ the weight of how bright an image is, beside how rough."""
 RATIOS = np.geomspace(1e-10, 1e2, 73)
 """Values of α that are tried, over the mean energy of a column."""
 
-UNKNOWN_SCALE, ROUNDS, TINY = 0.01, 8, 1e-300
+UNKNOWN_SCALE, RATIO_ROUNDS, TINY = 0.01, 8, 1e-300
 """Of multiples s: their precision times s², so that they are free in effect; how often they and α
 are updated; the least s²."""
 
@@ -281,9 +311,176 @@ def _relative_ratio(
     """
     scale = float(z @ direction) / max(float(μ @ direction**2), TINY)
     misfit = max(energy - scale * float(z @ direction), ROUNDING**2 * energy)
-    for _ in range(ROUNDS):
+    for _ in range(RATIO_ROUNDS):
         α = float(np.clip(misfit / freedom / max(scale**2, TINY), RATIOS[0], RATIOS[-1]))
         modes = z / (μ + α)
         misfit = max(energy - float(z @ modes), ROUNDING**2 * energy)
         scale = float(direction @ modes / np.sum(direction**2))
     return α, misfit, freedom * float(np.log(misfit)) + float(np.log1p(μ / α).sum())
+
+
+Real = TypeVar("Real", bound=NDArray[np.floating[Any]])
+
+HALF_WAVES, LONG = 16, 8
+"""Waves have fewer half waves across the wall, since scenes hardly explain rougher light; those of
+fewer than the second share one variance, since ambient light has most of them. Both are chosen."""
+
+NEW, PART = 0.1, 3
+"""Least norm that a wave keeps beyond the ambient light and longer waves; and of how many numbers
+one is a wave's at most, so that the others show white noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class CorrelatedNoise:
+    """Noise in M pixels of a wall, that varies more along F waves; see the module."""
+
+    waves: NDArray[np.float32]  # (M, F) Φ
+    octaves: NDArray[np.intp]  # (F,) of each wave
+    excess: Array  # (F,) d
+    freedom: int  # dimensions beyond the waves and the ambient light
+
+    @classmethod
+    def white(
+        cls, pixels: Mask, background: Array, half_waves: int = HALF_WAVES
+    ) -> CorrelatedNoise:
+        """Return white noise in M pixels, beyond an orthonormal basis of ambient light, (M, r)."""
+        lines = [
+            np.cos(np.pi * np.outer(np.arange(min(n, half_waves + 1)), (np.arange(n) + 0.5) / n))
+            for n in pixels.shape
+        ]
+        down, across = np.indices([len(each) for each in lines]).reshape(2, -1)
+        number = np.hypot(down, across)
+        order = np.argsort(number, kind="stable")
+        dimensions = len(background) - background.shape[1]
+        order = order[(number[order] > 0) & (number[order] < half_waves)]
+        order = order[: dimensions // PART]
+        waves = np.einsum("fr,fc->rcf", lines[0][down[order]], lines[1][across[order]])[pixels]
+        waves /= np.linalg.norm(waves, axis=0)
+        waves -= background @ (background.T @ waves)
+        waves, triangle = np.linalg.qr(waves)
+        is_new = np.abs(np.diag(triangle)) > NEW
+        octaves = np.log2(np.maximum(number[order][is_new], LONG / 2)).astype(int)
+        waves, count = waves[:, is_new].astype(np.float32), len(octaves)
+        return cls(waves, octaves, np.zeros(count), dimensions - count)
+
+    def whitened(self, light: Real) -> Real:
+        """Return light, (M, ...), times the root of the inverse covariance over σ²."""
+        if not self.excess.any():
+            return light
+        flat = light.reshape(len(light), -1)
+        less = (1 - 1 / np.sqrt(1 + self.excess)).astype(np.float32)
+        shared = self.waves @ (less[:, None] * (self.waves.T @ flat))
+        return (flat - shared).reshape(light.shape).astype(light.dtype)  # type: ignore[return-value]
+
+    def like(self, residuals: Array) -> CorrelatedNoise:
+        """Return noise that varies as residuals do beyond the ambient light, (M, C).
+
+        An octave's variance is the mean over its waves and the channels, each relative to the
+        variance beyond all waves.
+        """
+        amplitudes = self.waves.T @ residuals
+        rest = np.sum(residuals**2, axis=0) - np.sum(amplitudes**2, axis=0)
+        white = np.maximum(rest / self.freedom, TINY)  # a dark channel has none
+        power = np.mean(amplitudes**2 / white, axis=1)
+        counts = np.bincount(self.octaves)
+        variances = np.bincount(self.octaves, power) / np.maximum(counts, 1)
+        return replace(self, excess=np.maximum(variances - 1, 0)[self.octaves])
+
+
+SHARP_ROUNDS, TOLERANCE = 4, 1e-4
+"""How often σ and λ are updated, and the tolerance of each image: the slope then agrees with
+differences of the evidence to a tenth (`test_sharp_images`); 3 and 1e-3 left a seventh. A patch
+whose light over the brightest is less than the tolerance stays dark as the scene changes."""
+
+REGULARIZATION = 0.01
+"""Regularization of the first of these images, see `NoiseAware`."""
+
+
+@dataclass(frozen=True)
+class SharpImages:
+    """What hidden surfaces may have shown in some channels; see the module."""
+
+    hidden: Hidden
+    channels: int = 3
+
+    def explain(self, A: Matrix, background: Array, y: Array) -> SharpExplanation:
+        """Explain photographs y, (M, C K) of any unit and C channels, by a matrix A, (M, N).
+
+        The background is an orthonormal basis of range(B), (M, r).
+        """
+        method = NoiseAware(
+            A,
+            background,
+            hidden=self.hidden,
+            profiles=False,
+            corrections=(),
+            tolerance=TOLERANCE,
+        )
+        freedom, dimensions = len(A) - background.shape[1], self.channels * A.shape[1]
+        differences = self.hidden.differences
+        darkest = ROUNDING * np.sqrt(np.mean(y**2))
+        cost, images, residuals, noises = 0.0, [], [], []
+        for light in y.T.reshape(-1, self.channels, len(A)):
+            shown = method.fit.single_evidence(light)
+            method.regularization, split = REGULARIZATION, None
+            for _ in range(SHARP_ROUNDS):
+                solution, split = method.recover(shown, start=split)
+                f = self.hidden.vector(solution.image)
+                residual = method.fit.project_out(light - (A @ f).T)
+                noise = np.sqrt(np.sum(residual**2, axis=1) / freedom) + darkest
+                visible = float(np.sqrt(np.mean(noise**2) * A.shape[1])) / method.fit.norm
+                variation = differences.variation_in_the_dark(f) + visible
+                λ = 2 * dimensions / variation
+                shown = replace(shown, noise=noise / shown.level, noise_to_signal=0.0)
+                method.regularization = λ * float(noise.mean()) / method.fit.norm
+            cost += 2 * freedom * float(np.log(noise).sum())
+            cost += 2 * dimensions * np.log(method.fit.norm * variation)
+            images.append(f)
+            residuals.append(residual)
+            noises.append(noise)
+        return SharpExplanation(
+            cost=cost,
+            noise=np.concatenate(noises),
+            lights=np.hstack(images),
+            residual=np.concatenate(residuals).T.astype(np.float64),
+            energy=np.sum(method.fit.project_out(y.T) ** 2, axis=1, dtype=np.float64),
+            background=background,
+            images=tuple(images),
+            differences=differences,
+            columns=A - background @ (background.T @ A),
+            gram=method.fit.operator.gram,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SharpExplanation(Explanation):
+    """Photographs explained by a transport matrix, images of few edges and ambient light."""
+
+    images: tuple[Array, ...]  # K of (N, C) f̂
+    differences: Differences  # ∇ of the images
+    columns: Array  # (M, N) A⊥
+    gram: Array  # (N, N) A⊥ᵀA⊥
+
+    @cached_property
+    def volume(self) -> Matrix:
+        """(M, N) derivative of 3 N log ‖A⊥‖_F by the entries of A, of all photographs."""
+        weight = sum(image.size for image in self.images) / np.sum(self.columns**2)
+        return np.asarray(weight * self.columns, np.float32)
+
+    def beyond_image(self, motion: Array) -> Array:
+        """Return what no hidden image can follow of motions, (P, M, C).
+
+        As for `SmoothExplanation`, with the curvature of total variation at f̂, in the patches that
+        are lit.
+        """
+        beyond = np.empty_like(motion)
+        for k, f in enumerate(self.images):
+            variation = self.differences.norms(f).sum() or 1.0  # of a black image nothing is lit
+            λ = 2 * f.size / variation
+            stiffness = curvature_of_total_variation(self.differences, f, λ).toarray()
+            for c, values in enumerate(f.T, k * f.shape[1]):
+                lit = values > TOLERANCE * f.max()
+                X, J = self.columns[:, lit], motion[:, :, c].T
+                H = self.gram[np.ix_(lit, lit)] + self.noise[c] ** 2 * stiffness[np.ix_(lit, lit)]
+                beyond[:, :, c] = (J - X @ linalg.solve(H, X.T @ J, assume_a="pos")).T
+        return beyond

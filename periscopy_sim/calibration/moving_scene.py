@@ -14,15 +14,13 @@ from periscopy_sim.analytic.area_transport import (
     has_areas,
     ways_to,
 )
-from periscopy_sim.calibration.prior import check_error, free_parameters, start_values
-from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
+from periscopy_sim.calibration import prior
 from periscopy_sim.errors import SceneError
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.reconstruction.method import Note
-from periscopy_sim.view import View
+from periscopy_sim.view import Geometry, View
 
 Matrix = NDArray[np.float32]
 
@@ -119,7 +117,7 @@ def limit_sizes(hidden: Hidden, longest: int) -> dict[str, Size]:
 
 
 def uncertain_transport(
-    scenario: Geometry, errors: Mapping[str, float] | SceneCovariance
+    scenario: Geometry, errors: Mapping[str, float] | prior.SceneCovariance
 ) -> UncertainTransport:
     """Return how errors of a scene's parameters change the light of images, for `NoiseAware`.
 
@@ -136,13 +134,13 @@ def uncertain_transport(
     UncertainTransport
         For ``NoiseAware.for_scene(scenario, A, B, uncertain=...)``.
     """
-    if isinstance(errors, SceneCovariance):
+    if isinstance(errors, prior.SceneCovariance):
         names, values, directions = errors.names, errors.values, errors.directions
     else:
         names = tuple(errors)
-        values = start_values(scenario.document, names)
+        values = prior.start_values(scenario.document, names)
         for name, error in errors.items():
-            check_error(name, error)
+            prior.check_error(name, error)
         directions = np.diag(list(errors.values()))
     by_outlines = all(isinstance(way, Outlines) for way in ways_to(scenario).values())
     shape, largest = scenario.photograph_shape, LARGEST if by_outlines else LARGEST_CLIPPED
@@ -174,10 +172,10 @@ def scene_uncertainty(scenario: Geometry) -> tuple[UncertainTransport | None, li
     changed since, or the scene has no closed form; a note says which of the latter two.
     """
     document, of = scenario.document, {"scene": scenario.path.name}
-    known, notes = scene_covariance(document), list[Note]()
+    known, notes = prior.scene_covariance(document), list[Note]()
     if known and (changed := ", ".join(known.changed(document))):
         return None, [*notes, Note("uncounted", {**of, "names": changed})]
-    errors = known or free_parameters(document)
+    errors = known or prior.free_parameters(document)
     if not (known.names if known else errors):
         return None, notes
     if not has_areas(scenario):

@@ -10,28 +10,23 @@ import numpy as np
 
 from periscopy_sim.analytic.area_transport import points_across
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.colours import row_priors
-from periscopy_sim.calibration.correlated_noise import HALF_WAVES, CorrelatedNoise
-from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.moving_scene import (
-    LARGEST,
-    MovingScene,
-    limit_size,
-    limit_sizes,
+from periscopy_sim.calibration.evidence import (
+    HALF_WAVES,
+    CorrelatedNoise,
+    SharpImages,
+    SmoothImages,
 )
-from periscopy_sim.calibration.pixel_averages import averages
-from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel
-from periscopy_sim.calibration.sharp_images import SharpImages
+from periscopy_sim.calibration.moving_scene import LARGEST, MovingScene, limit_size, limit_sizes
+from periscopy_sim.calibration.prior import UncertainParameters, row_priors
+from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel, averages
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden, Size
-from periscopy_sim.model.ambient import background_basis, joined_basis
-from periscopy_sim.model.noise import camera_noise
+from periscopy_sim.model.fit import camera_noise
+from periscopy_sim.model.transport_operator import background_basis, joined_basis
 from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
-from periscopy_sim.view import View
+from periscopy_sim.view import Geometry, View
 
 MOST_PATCHES, LARGER = 36, 2
 """Patches along a side of each hidden image: of more, a coarser image serves. And how many times as

@@ -7,11 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.calibration.colours import VARIANCES
-from periscopy_sim.calibration.prior import UncertainParameters
-from periscopy_sim.calibration.scene_covariance import SceneCovariance
-from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.words import percentages
+from periscopy_sim.calibration.prior import VARIANCES, SceneCovariance, UncertainParameters
+from periscopy_sim.numerics import Array, validation
 
 LEARNED = 0.5
 """Fraction of a prior's variance: where more remains, the ruler rather than the photograph
@@ -163,7 +160,7 @@ class Calibration:
         values = ", ".join(
             f"{each.name}={each.value:.4g}±{each.standard_error:.2g}" for each in self.parameters
         )
-        before, after = percentages(*self.unexplained)
+        before, after = validation.percentages(*self.unexplained)
         trust = "trusted" if self.trusted else "not trusted"
         return f"Calibration({values}, unexplained {before} -> {after} %, {trust})"
 

@@ -26,10 +26,9 @@ from scipy import special
 from scipy.special import expit
 from scipy.stats import qmc
 
+from periscopy_sim.calibration import prior, trust
 from periscopy_sim.calibration.evidence import SmoothExplanation
-from periscopy_sim.calibration.prior import FARTHEST
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
-from periscopy_sim.calibration.trust import is_significant
 from periscopy_sim.numerics import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
@@ -151,7 +150,7 @@ def _step(level: ResolutionLevel, look: Look, curvature: Array) -> Array:
     for _ in range(2):
         step = np.zeros(len(free))
         step[free] = -np.linalg.solve(curvature[np.ix_(free, free)], look.downhill[free])
-        step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(look.precision))) / FARTHEST)
+        step /= max(1.0, float(np.max(np.abs(step) * np.sqrt(look.precision))) / prior.FARTHEST)
         if level.scene.is_physical(level.values(look.point + step)):
             break
         for k in range(len(level.centers)):
@@ -225,7 +224,7 @@ class Search:
         """Return draws of the prior that differ, those that explain most with smooth images."""
         level, errors = self.coarse, self.coarse.scene.errors
         sobol = qmc.Sobol(len(errors), seed=self.seed).random(DRAWS)
-        drawn = np.clip(WIDTH * special.ndtri(sobol), -FARTHEST, FARTHEST) * errors
+        drawn = np.clip(WIDTH * special.ndtri(sobol), -prior.FARTHEST, prior.FARTHEST) * errors
         points = level.center + np.pad(drawn, ((0, 0), (0, len(level.terms))))
         scenes, kept = [], list[Candidate]()
         for candidate in map(level.candidate, points):
@@ -400,7 +399,7 @@ class Search:
         if look.temperature > 2 * T:
             return look
         colder = self._descended(level, stage, look, T)
-        is_far = is_significant(colder.penalty, len(look.point))
+        is_far = trust.is_significant(colder.penalty, len(look.point))
         return look if is_far and HOTTEST * level.photographs > T else colder
 
 
@@ -434,6 +433,6 @@ def _ranked(looks: list[Look]) -> list[Look]:
     hottest = max(look.temperature for look in looks)
     objectives = [look.objective_at(hottest) for look in looks]
     order = sorted(range(len(looks)), key=lambda k: objectives[k])
-    if not is_significant(objectives[0] - objectives[order[0]], len(looks[0].point)):
+    if not trust.is_significant(objectives[0] - objectives[order[0]], len(looks[0].point)):
         order.sort(key=lambda k: k > 0)
     return [looks[k] for k in order]

@@ -14,23 +14,21 @@ from typing import Annotated, Any
 
 import typer
 
-from periscopy_sim.cli.commands import HELP, Command, CommandGroup, with_options_of_groups
-from periscopy_sim.cli.options import RENAMED
+from periscopy_sim.cli.options import HELP, RENAMED, Command, CommandGroup, with_options_of_groups
 from periscopy_sim.cli.output import interrupt, warn, warn_defect
-from periscopy_sim.errors import PeriscopyError, did_you_mean, in_words
-from periscopy_sim.extras import EXTRA_OF, missing
+from periscopy_sim.errors import EXTRA_OF, PeriscopyError, did_you_mean, in_words, missing
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 GROUPS = {
-    "Start": {"demo": "demo", "doctor": "doctor", "tutorial": "demo", "fetch": "fetch"},
-    "Laboratory": {"lab": "laboratory.lab", "draw": "laboratory.lab", "view": "laboratory.view",
-                   "prepare": "laboratory.prepare", "watch": "laboratory.watch"},
-    "Recover": {"reconstruct": "reconstruct", "video": "video", "calibrate": "calibrate"},
+    "Start": {"demo": "start", "doctor": "start", "tutorial": "start", "fetch": "start"},
+    "Laboratory": {"lab": "laboratory", "draw": "laboratory", "view": "laboratory",
+                   "prepare": "laboratory", "watch": "laboratory"},
+    "Recover": {"reconstruct": "reconstruct", "video": "reconstruct", "calibrate": "calibrate"},
     "Render": {"photograph": "render", "transport": "render", "ambient": "render"},
-    "Study": {"sweep": "study.sweep", "plot": "study.plot", "dataset": "study.dataset",
-              "analyze": "study.analyze", "design": "study.design"},
+    "Study": {"sweep": "sweep", "plot": "sweep", "dataset": "dataset",
+              "analyze": "design", "design": "design"},
 }  # fmt: skip
 """Commands by their groups in ``--help``, with the module of each function or Typer `app`."""
 

@@ -12,12 +12,11 @@ from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import options as arguments
 from periscopy_sim.cli import output
 from periscopy_sim.cli.messages import distrusted, sentence
-from periscopy_sim.cli.options import PHOTOGRAPH, argument, option
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
-from periscopy_sim.numerics.limits import size_of
+from periscopy_sim.numerics.validation import size_of
 from periscopy_sim.scene import CALIBRATED
-from periscopy_sim.storage.outputs.staging import spare_inputs
+from periscopy_sim.storage.outputs import spare_inputs
 
 _PHOTO = "One or more photographs, between which only the monitor's picture changed."
 _SHOWN = (
@@ -44,8 +43,10 @@ _OUT = (
 class CalibrationSession(PhotoSession):
     """Photographs of one laboratory, pictures shown in the first ones, and what goes with them."""
 
-    photo: Annotated[list[Path], argument("PHOTO", _PHOTO, exists=True)]
-    shown: Annotated[list[str] | None, option("[ID=]IMAGE", _SHOWN, group=PHOTOGRAPH)] = None
+    photo: Annotated[list[Path], arguments.argument("PHOTO", _PHOTO, exists=True)]
+    shown: Annotated[
+        list[str] | None, arguments.option("[ID=]IMAGE", _SHOWN, group=arguments.PHOTOGRAPH)
+    ] = None
 
     @property
     def inputs(self) -> list[Path | None]:
@@ -82,11 +83,11 @@ class CalibrationSession(PhotoSession):
 
 def calibrate(
     session: CalibrationSession,
-    out: Annotated[Path, option("FILE", _OUT, group=arguments.OUTPUT)],
-    free: Annotated[str | None, option("NAME[=ERROR],...", _FREE)] = None,
-    uncertain: Annotated[list[str] | None, option("NAME[=ERROR],...", _UNCERTAIN)] = None,
-    silhouette: Annotated[str | None, option("SHAPE", _SILHOUETTE)] = None,
-    cells: Annotated[str | None, option("ROWSxCOLUMNS", _CELLS)] = None,
+    out: Annotated[Path, arguments.option("FILE", _OUT, group=arguments.OUTPUT)],
+    free: Annotated[str | None, arguments.option("NAME[=ERROR],...", _FREE)] = None,
+    uncertain: Annotated[list[str] | None, arguments.option("NAME[=ERROR],...", _UNCERTAIN)] = None,
+    silhouette: Annotated[str | None, arguments.option("SHAPE", _SILHOUETTE)] = None,
+    cells: Annotated[str | None, arguments.option("ROWSxCOLUMNS", _CELLS)] = None,
 ) -> None:
     """Correct a scene's measured values from photographs of its wall.
 
@@ -196,9 +197,9 @@ def _write_copy(
 
 def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: str | None) -> None:
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
-    from periscopy_sim.calibration.silhouette.scene import write_masked_scene
+    from periscopy_sim.calibration.silhouette import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
-    from periscopy_sim.numerics.words import percentages
+    from periscopy_sim.numerics.validation import percentages
 
     size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
@@ -230,7 +231,7 @@ def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None
     """Print the parameters with their units, the gain and the colours, and whether to trust."""
     from periscopy_sim.calibration.prior import FARTHEST
     from periscopy_sim.calibration.result import ParameterSource
-    from periscopy_sim.numerics.words import percentages, with_error
+    from periscopy_sim.numerics.validation import percentages, with_error
 
     rows = []
     for p in result.parameters:

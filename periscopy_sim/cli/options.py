@@ -4,21 +4,25 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
+import periscopy_sim as ps
 from periscopy_sim.calibration.prior import check_error, declared_errors, start_values
+from periscopy_sim.cli.output import fixable, outcome_of
 from periscopy_sim.errors import OutputError, PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Sizes
-from periscopy_sim.numerics.limits import RANGES, SMALLEST, in_range, number_of, size_of
+from periscopy_sim.numerics import validation
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
 from periscopy_sim.shipped import DARK, find_image
-from periscopy_sim.storage.outputs.places import place
+from periscopy_sim.storage.places import place
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
 SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
@@ -83,9 +87,9 @@ def option(
     no words.
     """
     # Rich takes a bracket for the start of a style.
-    words = (words or RANGES[kind].help).replace("[", r"\[")
+    words = (words or validation.RANGES[kind].help).replace("[", r"\[")
     more.setdefault("callback", _callback_of(form))
-    if limits := RANGES[kind].ends if kind else limits:
+    if limits := validation.RANGES[kind].ends if kind else limits:
         least, most = limits
 
         def within(value: float | None) -> float | None:
@@ -352,15 +356,17 @@ def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> di
 def parse_sizes(entries: Sequence[str]) -> Sizes:
     """Read ``--hidden``: ``ROWSxCOLUMNS`` of the only surface, or ``ID=ROWSxCOLUMNS`` of each."""
     if entries and not any("=" in entry for entry in entries):
-        return size_of(entries[-1])  # the last counts, as of options that are not repeated
+        return validation.size_of(
+            entries[-1]
+        )  # the last counts, as of options that are not repeated
     pairs = parse_definitions(entries, "--hidden")
-    return {name: size_of(size) for name, size in pairs.items()}
+    return {name: validation.size_of(size) for name, size in pairs.items()}
 
 
 def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
     pairs = _pairs(flag, text.split(",") if text else ())
-    errors = {name: number_of(error) if error else None for name, error in pairs.items()}
+    errors = {name: validation.number_of(error) if error else None for name, error in pairs.items()}
     if any(error is not None and math.isnan(error) for error in errors.values()):
         raise PeriscopyError(f"{flag} {text}: write NAME or NAME=0.005, by comma, without units")
     return errors
@@ -391,8 +397,8 @@ def parse_ranges(text: str, flag: str) -> dict[str, tuple[float, float]]:
     """Read ``NAME=LOW:HIGH,...``, each name once."""
     ranges = {}
     for name, ends in parse_definitions(text.split(","), flag).items():
-        low, high = map(number_of, ends.partition(":")[::2])
-        if not (high - low >= SMALLEST and in_range("parameter", low, high)):
+        low, high = map(validation.number_of, ends.partition(":")[::2])
+        if not (high - low >= validation.SMALLEST and validation.in_range("parameter", low, high)):
             form = "NAME=LOW:HIGH, such as occluder_dx=-0.05:0.05"
             raise PeriscopyError(f"{flag} {name}={ends}: write {form}")
         ranges[name] = (low, high)
@@ -408,3 +414,160 @@ def parse_indices(text: str, count: int) -> list[int]:
         form = f"numbers and ranges of 0 to {count - 1}, as 0,5,8-11"
         raise PeriscopyError(f"--samples '{text}': write {form}")
     return list(dict.fromkeys(index for first, last in ends for index in range(first, last + 1)))
+
+
+HELP = {"help_option_names": ["-h", "--help"]}
+"""Settings of every command's context."""
+
+
+class _WithoutTypes:
+    """A command, or a group, whose help gives no type to arguments and to flags."""
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the command's arguments and options, that of its help last."""
+        parameters = super().get_params(ctx)  # type: ignore[misc]
+        for each in parameters:
+            if each.param_type_name == "argument":
+                each.display_type_rich = lambda ctx: ""  # noqa: ARG005
+            elif getattr(each, "is_flag", False):
+                each.metavar = ""
+        return parameters
+
+
+class Command(_WithoutTypes, TyperCommand):
+    """A command; its errors name its options as users write them."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; the library's "sbr 1e9: ..." becomes "--sbr 1e9: ..."."""
+        try:
+            return super().invoke(ctx)
+        except PeriscopyError as error:
+            names = {each.name: each.opts[0] for each in self.params if each.opts[0][:2] == "--"}
+            name, *rest = re.split(r"(?=[ :])", str(error), maxsplit=1)
+            is_file = Path(name).exists()  # which the error may be about
+            if name not in names or is_file or not re.match(r"( [^\s']+)?: ", "".join(rest)):
+                raise
+            raise type(error)("".join([names[name], *rest])) from error
+
+
+class CommandGroup(_WithoutTypes, TyperGroup):
+    """A group of commands."""
+
+
+def _for_all(
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print warnings and errors alone.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print all numbers, files and warnings as JSON.")
+    ] = False,
+) -> None:
+    """Have the options of all commands."""
+
+
+def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that takes the options of its groups one by one, and those of all."""
+    parameters: list[inspect.Parameter] = []
+    groups: dict[str, tuple[type[OptionGroup], list[str]]] = {}
+    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
+        group, *others = get_args(parameter.annotation) or (parameter.annotation,)
+        members = [parameter]
+        if isinstance(group, type) and issubclass(group, OptionGroup):
+            members = group.parameters(*others or ({},))
+            groups[name] = group, [each.name for each in members]
+        parameters += members
+
+    def run(*, quiet: bool = False, as_json: bool = False, **values: Any) -> None:
+        with outcome_of(quiet, as_json):
+            for name, (group, members) in groups.items():
+                values[name] = group(**{each: values.pop(each) for each in members})
+            command(**values)
+
+    def place(parameter: inspect.Parameter) -> int:
+        *_, described = (None, *get_args(parameter.annotation))
+        return GROUPS.index(getattr(described, "rich_help_panel", None))
+
+    parameters += inspect.signature(_for_all).parameters.values()
+    keywords = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters]
+    described: Any = run
+    described.__doc__ = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.cleandoc(command.__doc__ or ""))
+    described.__signature__ = inspect.Signature(sorted(keywords, key=place))
+    return run
+
+
+GRID = "grid"
+"""Names Eq. 4's point lights on the paper's grid."""
+
+
+def most_bounces(text: str) -> int | None:
+    """Return the most reflections of a path that ``--bounces`` names: None for any number."""
+    with fixable("--bounces"):
+        return validation.bounces_of_words(text)
+
+
+@dataclass(frozen=True)
+class MonitorLight(OptionGroup):
+    """The options of A, checked before anything is rendered."""
+
+    samples: Samples = None
+    model: ModelOption = None
+    bounces: BouncesOption = "direct"
+
+    def __post_init__(self) -> None:
+        _ = self.most_bounces
+
+    @property
+    def most_bounces(self) -> int | None:
+        """The most reflections of a path: 1 of direct light, None of any number."""
+        return most_bounces(self.bounces)
+
+    def of(self, scenario: ps.Scenario) -> ps.Light:
+        """Return how the light of a scenario is computed."""
+        del scenario
+        by = None if self.model is None else validation.WAYS[self.model]
+        return ps.Light(by, self.samples, self.most_bounces)
+
+
+@dataclass(frozen=True)
+class LightOptions(MonitorLight):
+    """The options of A and B, checked before anything is rendered.
+
+    B has the columns of all sources that `light_model` names, in this order.
+    """
+
+    light_model: LightModelOption = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for source in self.sources:
+            if source != GRID and not source.lower().endswith(".npy"):
+                raise ps.PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
+            if source != GRID and not Path(source).is_file():
+                raise ps.PeriscopyError(f"--light-model {source}: there is no such file")
+
+    @property
+    def sources(self) -> list[str]:
+        """The sources of ambient light."""
+        return self.light_model or [GRID]
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """The entries of a summary on the light, beside those of its `TransportPlan`."""
+        bounces = validation.bounces_in_words(self.most_bounces)
+        return {"bounces": bounces, "ambient_prototypes": self.sources}
+
+    def check_methods(self, *names: str) -> None:
+        """Reject a light model for a method that takes no B."""
+        without = [name for name in names if name in METHODS and not METHODS[name].backgrounds]
+        if self.light_model and without:
+            raise ps.PeriscopyError(f"--light-model: {without[0]} models no ambient light; drop it")
+
+    def of(self, scenario: ps.Scenario) -> ps.Light:
+        """Return how the light of a scenario is computed; B of files has its pixels."""
+        from dataclasses import replace
+
+        from periscopy_sim.storage.transport_matrix import read_prototypes
+
+        pixels = scenario.transport_shape[0]
+        sources = [None if s == GRID else read_prototypes(Path(s), pixels) for s in self.sources]
+        return replace(super().of(scenario), ambient=tuple(sources))

@@ -1,4 +1,4 @@
-"""What the commands print: lines, tables, warnings, progress, files, verdicts, JSON."""
+"""What the commands print: lines, tables, warnings, progress, forecasts, files, verdicts, JSON."""
 
 import json
 import math
@@ -16,14 +16,14 @@ from typing import Any, NoReturn, TextIO
 
 from rich.box import ROUNDED
 from rich.console import Console
-from rich.markup import escape  # a label may quote names
+from rich.markup import escape
 from rich.progress import Progress, TimeElapsedColumn
 from rich.table import Column, Table
 from rich.text import Text
 
 from periscopy_sim.errors import PeriscopyError, printable
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file, staged_folder
+from periscopy_sim.storage.outputs import spare_inputs, staged_file, staged_folder
 
 
 @contextmanager
@@ -278,3 +278,32 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
     """Write values as `json_of`, and keep them for ``--json``."""
     path.write_text(json_of(values) + "\n", "utf-8")
     record(**values)
+
+
+PLURALS = {"matrix": "matrices", "geometry": "geometries"}
+"""Nouns whose plural has more than an s."""
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a count with its noun."""
+    plural = PLURALS.get(noun, f"{noun}s")
+    return f"{count:,} {noun if count == 1 else plural}"
+
+
+def show_parts(**numbers: int) -> None:
+    """Print how many photographs, ambient lights and so on a command makes."""
+    record(to_make=numbers)
+    words = [counted(n, noun.replace("_", " ")) for noun, n in numbers.items() if n]
+    if words:
+        say(f"to make: {', '.join(words)}")
+
+
+def show_time(seconds: float, *apart: str) -> None:
+    """Print how long a command takes, but for what is apart."""
+    record(estimated_seconds=round(seconds))
+    number, unit = max(float(f"{seconds:.2g}"), 1.0), "s"
+    for unit_seconds, name in ((3600, "hours"), (60, "minutes")):
+        if seconds > 1.5 * unit_seconds:
+            number, unit = float(f"{seconds / unit_seconds:.2g}"), name
+            break
+    say(" and ".join([f"about {number:g} {unit}", *apart]))

@@ -5,22 +5,12 @@ from typing import Annotated, Any
 import numpy as np
 
 import periscopy_sim as ps
-from periscopy_sim.cli import options
-from periscopy_sim.cli.light import MonitorLight, most_bounces
-from periscopy_sim.cli.options import LIGHT, argument, option
-from periscopy_sim.cli.output import (
-    output_files,
-    output_folder,
-    progress,
-    record,
-    show_table,
-    written,
-)
+from periscopy_sim.cli import options, output
+from periscopy_sim.cli.options import LIGHT, MonitorLight, argument, most_bounces, option
 from periscopy_sim.cli.session import Session
 from periscopy_sim.measurement import TARGET
 from periscopy_sim.shipped import CONDITIONS, DARK, find_condition
-from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.outputs.provenance import as_text, image_sha256, scene_sha256
+from periscopy_sim.storage import provenance, rasters
 
 TargetOption = Annotated[float, option("NUMBER", kind="error")]
 _IMAGE = "The hidden image: a file, or a shipped one."
@@ -67,21 +57,21 @@ def photograph(
         "sbr": sbr, "snr": snr, "target": target if is_lit else None,
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
-    with output_files(out) as (file,):
+    with output.output_files(out) as (file,):
         session.check_shadows()
         picture = session.scenario.image(names)
         if is_lit and ambient is not None:
             session.ambient_light(ambient, target)
-        with progress("rendering the photograph") as report:
+        with output.progress("rendering the photograph") as report:
             y = session.scenario.photograph(
                 picture, ambient=ambient, sbr=sbr, snr=snr, bounces=most, samples=samples,
                 target=target, colour_matrix=colours, progress=report,
             )  # fmt: skip
         settings["relative_error"] = float(f"{y.relative_error:.3g}")
         session.warn(*y.warnings)
-        settings["image_sha256"] = image_sha256(picture)
-        write_exr(file, y.values, as_text({**settings, **session.provenance}))
-    record(**settings)
+        settings["image_sha256"] = provenance.image_sha256(picture)
+        rasters.write_exr(file, y.values, provenance.as_text({**settings, **session.provenance}))
+    output.record(**settings)
 
 
 def ambient(
@@ -101,17 +91,21 @@ def ambient(
     if len(paths) < len(chosen):
         raise ps.PeriscopyError(f"an ambient condition is given twice in {', '.join(chosen)}")
     session, errors = Session(scene, [], define, seed), dict[str, float]()
-    with output_folder(out) as folder:
+    with output.output_folder(out) as folder:
         for name, path in paths.items():
             light = session.ambient_light(path, target)
             parts = {each: getattr(light, each) for each in ("relative_error", "brightness_error")}
-            made = {"ambient": name, "ambient_sha256": scene_sha256(path), "target": f"{target:g}"}
-            metadata = as_text({**session.provenance, **made})
-            write_exr(folder / f"{name}.exr", light.photograph, {**metadata, **parts})
+            made = {
+                "ambient": name,
+                "ambient_sha256": provenance.scene_sha256(path),
+                "target": f"{target:g}",
+            }
+            metadata = provenance.as_text({**session.provenance, **made})
+            rasters.write_exr(folder / f"{name}.exr", light.photograph, {**metadata, **parts})
             errors[name] = float(np.hypot(*parts.values()))
     rows = [[name, f"{error:.1e}"] for name, error in errors.items()]
-    show_table(rows, ["light", "relative error of a pixel"])
-    record(relative_error=errors)
+    output.show_table(rows, ["light", "relative error of a pixel"])
+    output.record(relative_error=errors)
 
 
 def transport(session: Session, light: MonitorLight, out: options.OutFile) -> None:
@@ -137,6 +131,6 @@ def transport(session: Session, light: MonitorLight, out: options.OutFile) -> No
         beside = write(A, origin)
     way = "areas" if plan.samples is None else f"{plan.samples} rays"
     rows = ["A", f"{A.shape[0]}x{A.shape[1]}"], ["by", way]
-    show_table([*rows, ["error of the light", f"{100 * plan.error:.2g} %"]])
-    record(**origin)
-    written(out, *beside)
+    output.show_table([*rows, ["error of the light", f"{100 * plan.error:.2g} %"]])
+    output.record(**origin)
+    output.written(out, *beside)

@@ -15,15 +15,13 @@ import numpy as np
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options
-from periscopy_sim.cli.light import LightOptions, MonitorLight
-from periscopy_sim.cli.messages import colour, note_sentence, sentence
 from periscopy_sim.cli.output import fixable, progress, say, warn, write_json
 from periscopy_sim.measurement import TARGET
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photograph import blackened
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.scene import CAMERA
-from periscopy_sim.storage.outputs.provenance import as_text, provenance
+from periscopy_sim.storage.provenance import as_text, provenance
 
 if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
@@ -86,7 +84,7 @@ class Session(options.OptionGroup):
             given, other = across / up, across / up * (columns / rows) ** 2
             if 2 * abs(np.log(other)) < abs(np.log(given)):
                 swapped = {"given": f"{rows}x{columns}", "other": f"{columns}x{rows}"}
-                self.warn(sentence("swapped", name=name, ratio=given, **swapped))
+                self.warn(messages.sentence("swapped", name=name, ratio=given, **swapped))
         return scenario
 
     @property
@@ -118,7 +116,7 @@ class Session(options.OptionGroup):
 
     def lit(
         self,
-        light: MonitorLight,
+        light: options.MonitorLight,
         matrix: Path | None = None,
         strata: Literal["jittered", "gauss"] = "jittered",
     ) -> ps.Scenario:
@@ -132,9 +130,9 @@ class Session(options.OptionGroup):
         if matrix is not None:
             A = read_transport(matrix, self.scenario, light.most_bounces)
             if not (record := read_record(matrix)):
-                self.warn(sentence("no_record", file=matrix))
+                self.warn(messages.sentence("no_record", file=matrix))
             lit = replace(lit, matrix=A, record=record)
-        if isinstance(light, LightOptions):
+        if isinstance(light, options.LightOptions):
             self.settings |= light.origin
         return replace(self.scenario, light=lit)
 
@@ -154,9 +152,9 @@ class Session(options.OptionGroup):
         """Print notes, one line each, but for those of some codes."""
         for note in notes:
             if note.code == "fine_grid":
-                say(note_sentence(note))
+                say(messages.note_sentence(note))
             elif note.code not in but:
-                self.warn(note_sentence(note))
+                self.warn(messages.note_sentence(note))
 
     def warn(self, *lines: str) -> None:
         """Print warnings, and keep them for the summary; views of one scene share some."""
@@ -256,7 +254,7 @@ class WallSession(Session):
         """Return a photograph whose mask leaves out its defects, with a warning; black outside."""
         defects = ps.defective_pixels(photograph)
         if defects.any_kind.any():
-            self.warn(sentence("defects", name=name, defects=defects))
+            self.warn(messages.sentence("defects", name=name, defects=defects))
             photograph = replace(photograph, mask=photograph.pixels & ~defects.any_kind)
             self.record["pixels_left_out"] = np.count_nonzero(~photograph.pixels)
         return replace(photograph, values=blackened(photograph.values, photograph.mask))
@@ -321,10 +319,10 @@ class PhotoSession(WallSession):
 
         A calibration that the scene carries and that is not trusted is a part of the verdict.
         """
-        line, shade = messages.verdict(report, with_remedies=True), colour(report)
+        line, shade = messages.verdict(report, with_remedies=True), messages.colour(report)
         for note in report.warnings:
             if note.code != report.verdict.code:
-                self.warn(f"{name}: {note_sentence(note)}")
+                self.warn(f"{name}: {messages.note_sentence(note)}")
         if shade == "red" or report.is_doubted:
             self.warnings.append(f"{name}: {line}")
         return line, shade

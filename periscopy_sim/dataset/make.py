@@ -29,10 +29,9 @@ from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
 from periscopy_sim.numerics.machine import Stage, ahead, core_count, silent, timed
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.outputs.places import is_shared, place
-from periscopy_sim.storage.outputs.provenance import provenance
-from periscopy_sim.storage.outputs.staging import alone_in
-from periscopy_sim.storage.outputs.store import MAKING, BlockStore, Label, check_place
+from periscopy_sim.storage import outputs, places
+from periscopy_sim.storage.provenance import provenance
+from periscopy_sim.storage.store import MAKING, BlockStore, Label, check_place
 
 VERSIONS = ("periscopy-sim", "numpy", "mitsuba", "drjit", "variant")
 """What samples depend on, beside the configuration."""
@@ -110,7 +109,7 @@ def make_dataset(
         light that bounces is not known well enough, see `render_bounced_light`. The archive's
         `bounced_error` has the error of each geometry.
     """
-    out, report = place(out), progress or (lambda *_: None)
+    out, report = places.place(out), progress or (lambda *_: None)
     if not isinstance(configuration, Configuration):
         configuration = load_configuration(configuration)
     settings = configuration.located()
@@ -141,7 +140,7 @@ def make_dataset(
         "count": layout.count,
     }
     check_scheduler(scheduler, out)
-    with alone_in(out / MAKING):
+    with outputs.alone_in(out / MAKING):
         labels = _labels(settings, draws)
         store = BlockStore(out, layout.of_store(), attributes, labels)
         blocks_each = settings.samples_per_geometry // layout.block
@@ -213,7 +212,7 @@ def _made(
         work = ((geometry, block) for geometry, blocks in ready for block in blocks)
         yield from ahead(partial(_block, shared), work)
         return
-    shared_store = store if is_shared(store.path) else None
+    shared_store = store if places.is_shared(store.path) else None
     with connect(scheduler) as client:
         for _, blocks in compute(client, _make_share, (shared, shared_store), shares.items()):
             yield from blocks

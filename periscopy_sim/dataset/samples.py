@@ -24,20 +24,20 @@ from periscopy_sim.dataset.configuration import (
     Conditions,
     Configuration,
     Darkness,
+    Distribution,
     Lamps,
     Pictures,
+    Source,
 )
-from periscopy_sim.dataset.distributions import Distribution, Source
 from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.hidden import named
 from periscopy_sim.light import Light
 from periscopy_sim.measurement import add_noise
-from periscopy_sim.numerics import Array
+from periscopy_sim.numerics import Array, products
 from periscopy_sim.numerics.machine import Stage, in_parallel
-from periscopy_sim.numerics.products import combine_rows, times_rows
+from periscopy_sim.rendering.bounced import BouncedTransport, channels_mean
 from periscopy_sim.rendering.photograph import allowed_error
-from periscopy_sim.rendering.transport.bounced import BouncedTransport, channels_mean
 from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.storage.photographs import read_photograph
 
@@ -240,7 +240,7 @@ def _signals(geometry: "RenderedGeometry", hidden: Sequence[Array]) -> NDArray[n
     rows = np.ascontiguousarray(f, np.float32).reshape(-1, f.shape[-1])
     # One product with the channels' mean of A serves all frames and channels; bounced light alone
     # differs by channel, and is added as the small difference from that mean.
-    y = times_rows(rows, channels_mean(A)).reshape(frames, channels, -1)
+    y = products.times_rows(rows, channels_mean(A)).reshape(frames, channels, -1)
     if isinstance(A, BouncedTransport):
         y += A.beyond_mean(np.moveaxis(f, 1, -1)).swapaxes(1, 2)
     y *= np.atleast_2d(scenario.channel_gain).astype(np.float32).T
@@ -289,7 +289,7 @@ def lamp_light(lamps: Array, powers: Array, points: Array, normals: Array) -> Ar
     ψ = responses(lamps, points, normals)
     mean = ψ.mean(axis=1)
     weights = powers / np.where(mean > 0, mean, 1)[:, None]
-    return np.asarray(combine_rows(np.ascontiguousarray(weights.T), ψ).T, np.float64)
+    return np.asarray(products.combine_rows(np.ascontiguousarray(weights.T), ψ).T, np.float64)
 
 
 def _labels(geometry: "RenderedGeometry", clips: list[ClipDraw], length: int) -> Block:

@@ -15,8 +15,8 @@ import numpy as np
 from scipy import stats
 
 from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.evaluation.world import TURNS
-from periscopy_sim.numerics.limits import number_of
+from periscopy_sim.evaluation.sweep import TURNS
+from periscopy_sim.numerics.validation import number_of
 
 if TYPE_CHECKING:
     import xarray as xr

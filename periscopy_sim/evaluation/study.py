@@ -1,32 +1,36 @@
-"""A sweep of a scenario: what it compares is checked, rendered once, reconstructed and kept."""
+"""A sweep of a scenario: what it compares is checked, rendered once, reconstructed and kept.
+
+Before it starts, its forecast lists what it lacks, and the time by the first of each part.
+"""
 
 import math
+import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from periscopy_sim.errors import PeriscopyError, did_you_mean
-from periscopy_sim.evaluation.sweep import Sweep, run_sweep
+from periscopy_sim.errors import SWEEP, PeriscopyError, SceneError, did_you_mean, require_all
+from periscopy_sim.evaluation.sweep import Sweep, cell_seconds, flipped_names, run_sweep
 from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.workers import check_scheduler
-from periscopy_sim.evaluation.world import flipped_names
-from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
-from periscopy_sim.extras import SWEEP, require_all
+from periscopy_sim.evaluation.worlds import ASSUMED, KNOWN, Worlds, warn_of
 from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
-from periscopy_sim.numerics import Array, Mask
-from periscopy_sim.numerics.limits import checked, size_of
-from periscopy_sim.numerics.machine import Stage, silent
-from periscopy_sim.numerics.validation import checked_scene, is_name, listed
-from periscopy_sim.numerics.words import WAYS, bounces_in_words
+from periscopy_sim.numerics import Array, Mask, validation
+from periscopy_sim.numerics.machine import LONG, Stage, silent
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
+from periscopy_sim.rendering.ambient import Background
 from periscopy_sim.rendering.photograph import excess_of
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import (
@@ -39,19 +43,143 @@ from periscopy_sim.shipped import (
     find_scene,
     is_photograph,
 )
-from periscopy_sim.storage.formats.table import format_of
-from periscopy_sim.storage.outputs.places import place
-from periscopy_sim.storage.outputs.provenance import (
+from periscopy_sim.storage.formats import format_of
+from periscopy_sim.storage.photographs import read_photograph
+from periscopy_sim.storage.places import place
+from periscopy_sim.storage.provenance import (
     array_sha256,
     provenance,
+    resumed_folder,
     scene_sha256,
     sha256_of,
 )
-from periscopy_sim.storage.outputs.resume import resumed_folder
-from periscopy_sim.storage.photographs import read_photograph
 
 if TYPE_CHECKING:
     import xarray as xr
+
+LIGHT_COST = {
+    "ceiling_panels": 1.8, "desk_lamps": 2.8, "corridor": 7.9, "window_left": 28,
+    "window_right": 55,
+}  # fmt: skip
+"""Processor time of ambient conditions over that of overcast, of the others 1: on the chair's wall
+of 126 x 126 pixels, where overcast takes 6.6 s. That of window_right follows from five rounds."""
+
+SCENES = 8
+"""Scenes that are loaded before a sweep starts, to see which ambient light is missing."""
+
+
+@dataclass(eq=False)
+class SweepWork:
+    """What a sweep makes: results, of which some are missing, and what these need."""
+
+    sweep: Sweep  # of `Worlds`
+    sizes: dict[str, int]  # of the axes; backgrounds without their flips
+    flips: int
+    missing: int
+    first: Values | None = None  # missing cell whose methods need a matrix
+    cells: Counter[str] = field(default_factory=Counter)  # missing, by method, without calibrations
+    photographs: set[Any] = field(default_factory=set)
+    lights: dict[Any, str] = field(default_factory=dict)  # names of ambient light
+    matrices: dict[Any, int] = field(default_factory=dict)
+    fits: set[Any] = field(default_factory=set)
+    calibrations: set[Any] = field(default_factory=set)  # photographs that calibrate
+
+    @property
+    def results(self) -> int:
+        """The number of results, those that are there included."""
+        return self.flips * math.prod(self.sizes.values())
+
+    @property
+    def to_make(self) -> dict[str, int]:
+        """Numbers of photographs, ambient light, matrices and calibrations."""
+        return {
+            "photograph": len(self.photographs), "ambient_light": len(self.lights),
+            "matrix": sum(self.matrices.values()), "calibration": len(self.calibrations),
+        }  # fmt: skip
+
+    @classmethod
+    def of(cls, sweep: Sweep, missing: Sequence[Values]) -> Self:
+        """Return what missing cells of a sweep need."""
+        worlds: Worlds = sweep.world
+        sizes = {name: len(values) for name, values in sweep.axes.items()}
+        flips = len(flipped_names("", worlds.flips))
+        sizes["background"] //= flips
+        work, places = cls(sweep, sizes, flips, len(missing)), dict[str, Any]()
+        rendered = worlds.shown.keys() - worlds.photographs.keys()
+        for cell in missing:
+            values = {name: cell[name] for name in sweep.vary}
+            place = worlds.place(values)
+            places.setdefault(place, values)
+            work.photographs |= {(place, name, cell["snr"]) for name in rendered}
+            if count := worlds.matrices(values):
+                light, snr = worlds.light(values), cell["snr"]
+                way = light.samples or snr, light.by
+                work.matrices[worlds.place(values, ASSUMED), *way] = count
+                work.fits.add((snr, *values.values()))
+                work.cells[cell["algorithm"]] += 1
+                work.first = work.first or cell
+            else:
+                work.calibrations.add((*(v for name, v in cell.items() if name != "algorithm"),))
+        for values in [*places.values()][:SCENES]:
+            with suppress(SceneError):  # which fails alone
+                work.lights |= worlds.at(values).missing_ambient(worlds.traced)
+        return work
+
+    def seconds(self, threads: int) -> float | None:
+        """Return how long the missing cells take on some threads, but for calibrations.
+
+        The parts of the first one's world, which are made, and one more fit are timed. None where
+        all calibrate, or that world is an error, which the sweep meets.
+        """
+        worlds: Worlds = self.sweep.world
+        if (first := self.first) is None:
+            return None
+        values, snr = {name: first[name] for name in self.sweep.vary}, first["snr"]
+        try:
+            started = time.perf_counter()
+            for name in worlds.shown:
+                wall = worlds.signal(name, snr, values)
+            of_photographs = time.perf_counter() - started
+            of_matrices, of_fit = self._fit(worlds, snr, values, wall)
+            if of_matrices + of_fit < LONG:  # without what the first one compiles
+                fresh = replace(worlds, scenario=replace(worlds.scenario, memo=Memo()))
+                of_matrices, of_fit = self._fit(fresh, snr, values, wall)
+            even = Background(np.ones_like(wall.values), 0.0, 0.0)
+            world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
+            trial = {name: {**first, "algorithm": name} for name in self.cells}
+            of_cell, writing = cell_seconds(self.sweep, world, trial)
+            of_lights = self._light(worlds.at(values), worlds)
+        except PeriscopyError:
+            return None
+        return (
+            of_photographs * (len(self.photographs) / len(worlds.shown) - 1)
+            + of_lights
+            + of_matrices * (sum(self.matrices.values()) / worlds.matrices(values) - 1)
+            + of_fit * (len(self.fits) - 1)
+            + sum(self.cells[n] * (each / threads + writing) for n, each in of_cell.items())
+        )
+
+    @staticmethod
+    def _fit(worlds: Worlds, snr: float, values: Values, wall: Photograph) -> tuple[float, float]:
+        """Return the seconds of the matrices, and of fits to them."""
+        scene, started = worlds.assumed(values), time.perf_counter()
+        for method in worlds.methods.values():
+            scene.transport(noise_to_signal(snr, np.inf), method)
+        made = time.perf_counter()
+        worlds.fitted(snr, values, wall)
+        return made - started, time.perf_counter() - made
+
+    def _light(self, scenario: Scenario, worlds: Worlds) -> float:
+        """Return the seconds of missing ambient light but for the quickest, which is made."""
+        costs = sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
+        missing = scenario.missing_ambient(worlds.traced).values()
+        if not missing:
+            return 0.0
+        name = min(missing, key=lambda each: LIGHT_COST.get(each, 1.0))
+        started = time.perf_counter()
+        scenario.ambient(name, progress=worlds.progress)
+        return (time.perf_counter() - started) * (costs / LIGHT_COST.get(name, 1.0) - 1)
+
 
 COMPARED = "noise-aware", "preconditioned", "differencing"
 PLACES = "overcast", "low_sun", "ceiling_panels"
@@ -148,18 +276,20 @@ def sweep(
     OutputError
         If the folder holds another sweep, or cannot be written.
     """
-    checked_scene(scenario)
+    validation.checked_scene(scenario)
     named = _named_methods(methods)
     require_all(*SWEEP)
     for method in named.values():
         find_method(method)
-    checked("seeds", seeds, "count")
+    validation.checked("seeds", seeds, "count")
     axes: dict[str, list[Any]] = {
-        name: [float(each) if isinstance(each, Real) else each for each in listed(values)]
+        name: [
+            float(each) if isinstance(each, Real) else each for each in validation.listed(values)
+        ]
         for name, values in (vary or {}).items()
     }
     if "hidden" in axes:
-        axes["hidden"] = ["{}x{}".format(*size_of(each)) for each in axes["hidden"]]
+        axes["hidden"] = ["{}x{}".format(*validation.size_of(each)) for each in axes["hidden"]]
     own = dict(ambient) if isinstance(ambient, Mapping) else {}
     lights = dict.fromkeys(own) or conditions_of(ambient)
     is_dark = DARK in lights and not own
@@ -170,8 +300,8 @@ def sweep(
         if name in axes and value is not default:
             raise PeriscopyError(f"vary {name}: the option {name} gives it, too; give one of them")
     ratios = axes.pop("sbr", sbr)
-    ratios = [math.inf] if is_dark else checked(of["sbr"], ratios, "ratio")
-    decibels = checked(of["snr"], axes.pop("snr", snr), "decibels")
+    ratios = [math.inf] if is_dark else validation.checked(of["sbr"], ratios, "ratio")
+    decibels = validation.checked(of["snr"], axes.pop("snr", snr), "decibels")
     check_scheduler(scheduler)
     for file in filter(None, lights.values()):
         format_of(file)
@@ -198,9 +328,9 @@ def sweep(
         "hidden_shape": None
         if "hidden" in axes
         else scenario.hidden.unwrapped(scenario.hidden.shapes),
-        "model": next((name for name, way in WAYS.items() if way == light.by), None),
+        "model": next((name for name, way in validation.WAYS.items() if way == light.by), None),
         "samples": light.samples,
-        "bounces": bounces_in_words(light.bounces),
+        "bounces": validation.bounces_in_words(light.bounces),
         "ambient_prototypes": light.prototypes,
         "mask": None if mask is None else array_sha256(mask),
         "monitor_off": [array_sha256(image) for image in off.values()],
@@ -253,8 +383,8 @@ def sweep(
 
 def _names(values: Any, what: str) -> list[str]:
     """Return names, of which there may be one alone; whatever is none needs a mapping."""
-    names = listed(values)
-    if wrong := [each for each in names if not is_name(each)]:
+    names = validation.listed(values)
+    if wrong := [each for each in names if not validation.is_name(each)]:
         kind = type(wrong[0]).__name__
         raise PeriscopyError(f"{what} of type {kind}: give names, or a mapping that names each")
     return [str(each) for each in names]
@@ -263,7 +393,7 @@ def _names(values: Any, what: str) -> list[str]:
 def _sha256_of(pictures: Iterable[Any]) -> str:
     """Return the digest of pictures: of files, or of arrays."""
     given = [*pictures]
-    if all(map(is_name, given)):
+    if all(map(validation.is_name, given)):
         return str(sha256_of(map(find_image, given)))
     return ",".join(map(array_sha256, map(np.asarray, given)))
 
@@ -274,7 +404,7 @@ def _named_methods(
     """Return methods by their names; one that is given twice is an error."""
     if isinstance(methods, Mapping):
         return dict(methods)
-    names = listed(methods)
+    names = validation.listed(methods)
     named = {label_of(each): each for each in names}
     if len(named) < len(names):
         raise PeriscopyError("methods: two have one name; give a mapping with other names")

@@ -11,18 +11,10 @@ import numpy as np
 
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.metrics import METRICS
-from periscopy_sim.numerics import machine
-from periscopy_sim.numerics.limits import size_of
-from periscopy_sim.storage.outputs.places import address, names_in
-from periscopy_sim.storage.outputs.staging import out_of_space_reported
-from periscopy_sim.storage.outputs.store import (
-    MAKING,
-    Block,
-    BlockStore,
-    Label,
-    StoreLayout,
-    attributes_of,
-)
+from periscopy_sim.numerics import machine, validation
+from periscopy_sim.storage.outputs import out_of_space_reported
+from periscopy_sim.storage.places import address, names_in
+from periscopy_sim.storage.store import MAKING, Block, BlockStore, Label, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -92,7 +84,9 @@ class SweepStore:
             if len(images) > 1:
                 raise PeriscopyError("an axis 'hidden' is of one hidden surface; there are several")
             channels = next(iter(images.values()))[2]
-            self._images = {f"_{n}": (*size_of(n), channels) for n in self.axes["hidden"]}
+            self._images = {
+                f"_{n}": (*validation.size_of(n), channels) for n in self.axes["hidden"]
+            }
         needed = 4e-9 * prod(map(len, axes.values())) * sum(map(prod, self._images.values()))
         available = machine.available_memory()
         if available is not None and needed > available / 1e9:

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.machine import core_count
-from periscopy_sim.storage.outputs.places import place
+from periscopy_sim.storage.places import place
 
 if TYPE_CHECKING:
     from distributed import Client

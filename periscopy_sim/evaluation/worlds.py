@@ -1,4 +1,7 @@
-"""The worlds of a sweep: a map over `Scenario.at`, whose memo keeps what several have in common."""
+"""The worlds of a sweep: a map over `Scenario.at`, whose memo keeps what several have in common.
+
+A world's methods may calibrate their scene by each photograph before they reconstruct it.
+"""
 
 import hashlib
 import json
@@ -7,36 +10,121 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
+from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
-from periscopy_sim.evaluation.calibrating import Calibrated, measures_of
-from periscopy_sim.evaluation.world import World, flipped_names, flips
+from periscopy_sim.evaluation.sweep import World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
 from periscopy_sim.light import Light
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of
-from periscopy_sim.numerics import Array, Mask
-from periscopy_sim.numerics.limits import checked, number_of, size_of
+from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.numerics.machine import Stage, silent
-from periscopy_sim.numerics.validation import InputError, checked_number, is_name
-from periscopy_sim.numerics.words import WAYS
 from periscopy_sim.photograph import Photograph, seen_in
+from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.registry import Option
-from periscopy_sim.rendering.ambient.background import Background
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.ambient import Background
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.outputs.provenance import as_text, provenance
+from periscopy_sim.storage.provenance import array_sha256, as_text, provenance
+from periscopy_sim.storage.rasters import write_exr
 
 if TYPE_CHECKING:
-    from periscopy_sim.reconstruction.method import Method, Note
+    from periscopy_sim.reconstruction.method import Note
+
+_SHARE = {"units": "1", "valid_range": [0, 1]}
+MEASURES = {
+    "trusted": {
+        "long_name": "whether nothing speaks against the calibration: 1, else 0", **_SHARE
+    },
+    "within_1": {
+        "long_name": "share of calibrated numbers within a standard error of the true ones",
+        **_SHARE,
+    },
+    "within_3": {
+        "long_name": "share of calibrated numbers within three standard errors of the true ones",
+        **_SHARE,
+    },
+}  # fmt: skip
+"""What a sweep measures of calibrations, beside each number."""
+
+
+def measures_of(units: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return `MEASURES`, then each number's error and its claimed one, in the number's unit."""
+    each = {
+        f"{of}.{name}": {"long_name": f"{words} of {name}", "units": unit}
+        for name, unit in units.items()
+        for of, words in (("error", "calibrated minus true value"), ("claimed", "standard error"))
+    }
+    return {**MEASURES, **each}
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A method whose scene is calibrated by the photograph that it reconstructs.
+
+    Attributes
+    ----------
+    scenario
+        The scene by the ruler; its memo keeps a calibration for all methods.
+    truth
+        The true values of the numbers that declare an error, by name.
+    wall
+        The conditions of the photographs.
+    fit
+        Returns the method, fitted to a calibrated scenario.
+    """
+
+    scenario: Scenario
+    truth: Mapping[str, float]
+    wall: Photograph
+    fit: Callable[[Scenario], Method]
+
+    def fitted_to(self, photograph: Photograph) -> Self:
+        """Return this: it knows the photographs' conditions."""
+        del photograph
+        return self
+
+    def calibration(self, values: Image) -> Calibration:
+        """Calibrate by a photograph, (rows, columns, channels)."""
+        wall = replace(self.wall, values=np.asarray(values, np.float64))
+        key = "calibration", self.scenario.digest, array_sha256(wall.values), wall.conditions
+        make = partial(self.scenario.calibrate, wall, seed=0)
+        return self.scenario.memo.get(key, make, 16 * self.scenario.view.points.nbytes)
+
+    def reconstruct(self, photograph: Image) -> Any:
+        """Recover the hidden image, (R, C, channels), by the method that `fitted_by` returns.
+
+        Of several surfaces it is a mapping by id.
+        """
+        return self.fitted_by(photograph).reconstruct(photograph)
+
+    def fitted_by(self, photograph: Image) -> Method:
+        """Calibrate by a photograph, and return the method fitted to the calibrated scene.
+
+        A PhotographError or a SceneError says that this photograph determines no number.
+        """
+        calibrated = self.calibration(photograph).scenario
+        return self.fit(replace(calibrated, light=self.scenario.light))
+
+    def measures(self, photograph: Image) -> dict[str, float]:
+        """Return the measures of the calibration by a photograph, see `measures_of`."""
+        found = self.calibration(photograph)
+        errors = {p.name: p.value - self.truth[p.name] for p in found.parameters}
+        claimed = {p.name: float(p.standard_error) for p in found.parameters}
+        off = [abs(errors[name]) / claimed[name] for name in errors]
+        within = {f"within_{k}": float(np.mean(np.less(off, k))) for k in (1, 3)}
+        each = {"error": errors, "claimed": claimed}
+        numbers = {f"{of}.{n}": v for of, values in each.items() for n, v in values.items()}
+        return {"trusted": float(found.trusted), **within, **numbers}
+
 
 KNOWN = "assumed"
 ASSUMED = f"{KNOWN}."
@@ -134,12 +222,12 @@ class Worlds:
     @property
     def traced(self) -> list[str]:
         """The conditions of ambient light that is path traced."""
-        return [str(light) for light in self.ambient.values() if is_name(light)]
+        return [str(light) for light in self.ambient.values() if validation.is_name(light)]
 
     def _light(self, true: Scenario, name: str) -> Background:
         """Return ambient light on the wall, path traced unless it is given."""
         light = self.ambient[name]
-        if is_name(light):
+        if validation.is_name(light):
             return true.ambient(light, progress=self.progress)
         return Background(light, 0.0, 0.0)
 
@@ -250,7 +338,7 @@ class Worlds:
                     f"vary {axis}: a photograph is of one scene; give hidden images alone, or vary "
                     f"{ASSUMED}NAME"
                 )
-            words = [each for each in values if not np.isfinite(number_of(str(each)))]
+            words = [each for each in values if not np.isfinite(validation.number_of(str(each)))]
             unit = document.units.get(axis.removeprefix(ASSUMED), "")
             for value in words or values:
                 _check_value(axis, value, options.get(axis), unit)
@@ -258,7 +346,7 @@ class Worlds:
                 self._check_scene(axis, values[0])
                 self._check_scene(axis, values[-1])
         if sizes := [*map(str, axes.get("hidden", ()))]:  # before hours of rendering others
-            largest = max(sizes, key=lambda size: int(np.prod(size_of(size))))
+            largest = max(sizes, key=lambda size: int(np.prod(validation.size_of(size))))
             for method in self.methods.values():
                 check_memory(self.at({"hidden": largest}), method)
 
@@ -315,7 +403,7 @@ class Worlds:
             if not whole:
                 return base.at(**texts) if texts else base
             (surface, size), *others = base.hidden.shapes.items()
-            sizes = {surface: size_of(str(whole["hidden"]))} if "hidden" in whole else {}
+            sizes = {surface: validation.size_of(str(whole["hidden"]))} if "hidden" in whole else {}
             made = load_scenario(
                 whole.get("scene", base.path), {surface: size, **dict(others), **sizes},
                 {**base.parameters, **texts}, camera=base.view.camera, light=base.light,
@@ -338,7 +426,7 @@ class Worlds:
     def light(self, values: Mapping[str, Any]) -> Light:
         """Return the light that is modelled at values of axes."""
         light = self.scenario.light
-        by = WAYS[values["model"]] if "model" in values else light.by
+        by = validation.WAYS[values["model"]] if "model" in values else light.by
         return replace(light, by=by, samples=int(values.get("samples", 0)) or light.samples)
 
 
@@ -353,7 +441,7 @@ def _fit(
     """Fit a method to a scene, of which some errors are known."""
     try:
         return scenario.method(method, wall, noise=noise, errors=errors, **settings)
-    except InputError as error:
+    except validation.InputError as error:
         raise PeriscopyError(f"scene '{scenario.path}': {error}") from error
 
 
@@ -371,7 +459,10 @@ def _is_known(values: Mapping[str, Any]) -> bool:
 
 def _check_value(axis: str, value: Any, option: Option | None, unit: str) -> None:
     """Raise a PeriscopyError for a value that an axis cannot have."""
-    words: dict[str, Sequence[str]] = {KNOWN: (TRUE, RULER, CALIBRATED), "model": [*WAYS]}
+    words: dict[str, Sequence[str]] = {
+        KNOWN: (TRUE, RULER, CALIBRATED),
+        "model": [*validation.WAYS],
+    }
     kind, name = {DRAW: "seed", "samples": "rays"}.get(axis), f"vary {axis}="
     if axis in words and value not in words[axis]:
         raise PeriscopyError(f"{name}{value}: there are {', '.join(words[axis])}")
@@ -379,6 +470,6 @@ def _check_value(axis: str, value: Any, option: Option | None, unit: str) -> Non
         form = f"numbers in {unit}" if unit else "numbers"
         raise PeriscopyError(f"{name}{value}: write {form} without units, or 0:1:5")
     if kind is not None:
-        checked(name, value, kind)
+        validation.checked(name, value, kind)
     if option is not None:
-        checked_number(value, name, option.least, option.most)
+        validation.checked_number(value, name, option.least, option.most)

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.errors import OutputError
+from periscopy_sim.errors import OutputError, require
 from periscopy_sim.evaluation.metrics import gain_matched, mean_squared_error
-from periscopy_sim.extras import require
 from periscopy_sim.figures.panels import (
     Pixels,
     displayable,
@@ -27,7 +26,7 @@ from periscopy_sim.figures.panels import (
 )
 from periscopy_sim.figures.style import COLUMN
 from periscopy_sim.numerics import Image
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage.outputs import staged_file
 from periscopy_sim.storage.pictures import area_average
 
 ENCODINGS = {

@@ -9,13 +9,12 @@ import numpy as np
 from periscopy_sim.calibration.result import ParameterSource
 from periscopy_sim.figures.panels import show, show_light, show_signed
 from periscopy_sim.figures.style import COLUMN, LINE, OKABE_ITO, drawn, wrapped
-from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.words import percentages, with_error
+from periscopy_sim.numerics import Array, validation
 from periscopy_sim.storage.pictures import averaged_photograph
 
 if TYPE_CHECKING:
     from periscopy_sim.calibration.result import Calibration
-    from periscopy_sim.calibration.silhouette.result import Silhouette
+    from periscopy_sim.calibration.silhouette import Silhouette
     from periscopy_sim.photograph import Photograph
 
 WARNING = "#cb181d"
@@ -73,7 +72,7 @@ def _images(calibration: "Calibration") -> dict[str, list[Array]]:
 def _draw_residuals(axes: Any, photograph: "Photograph", calibration: "Calibration") -> None:
     """Show the photograph and the mean residual over its channels, in percent, twice."""
     residuals = calibration.residual_before, calibration.residual
-    numbers = percentages(*calibration.unexplained)
+    numbers = validation.percentages(*calibration.unexplained)
     maps = {
         f"{time}\n{number} %": _percent(residual, photograph)
         for time, number, residual in zip(("start", "calibrated"), numbers, residuals, strict=True)
@@ -110,7 +109,7 @@ def _draw_parameters(ax: Any, calibration: "Calibration", units: Mapping[str, st
             label = f"value ± standard error: {source}"
             ax.errorbar(places[kept], kept, xerr=widths[kept], label=label, **look)
     names = [
-        f"{p.name} = {with_error(p.value, p.standard_error, units.get(p.name, ''))}"
+        f"{p.name} = {validation.with_error(p.value, p.standard_error, units.get(p.name, ''))}"
         for p in parameters
     ]
     ax.set_yticks(rows, names)

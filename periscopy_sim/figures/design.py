@@ -7,16 +7,7 @@ from typing import Any
 import numpy as np
 
 from periscopy_sim.evaluation.design import Row, values_of
-from periscopy_sim.figures.style import (
-    COLUMN,
-    OKABE_ITO,
-    balanced,
-    drawn,
-    log_norm,
-    mpl,
-    plain_ticks,
-    positive,
-)
+from periscopy_sim.figures import style
 from periscopy_sim.numerics import Array
 
 Marked = Sequence[tuple[Row, str]]
@@ -51,7 +42,7 @@ def draw_design(
     marked = [(rows[0], "o")] + ([] if best is None else [(best, "*")])
     draw = _draw_curves if len(values_of(rows[0])) == 1 else _draw_maps
     words = {name: f"{name}, {units.get(name, 'scene unit')}" for name in values_of(rows[0])}
-    with drawn(path, metadata, caption) as figure:
+    with style.drawn(path, metadata, caption) as figure:
         draw(figure, rows, shown, marked, words)
 
 
@@ -59,7 +50,7 @@ def _marks() -> list[Any]:
     """Return the legend's entries of the marks."""
     grey = {"markeredgecolor": GREY, "markerfacecolor": GREY}
     return [
-        mpl.lines.Line2D(
+        style.mpl.lines.Line2D(
             [], [], ls="", marker=marker, label=label, **(grey if marker == "s" else LOOK)
         )
         for marker, label in MARKS.items()
@@ -70,10 +61,10 @@ def _draw_curves(
     figure: Any, rows: Sequence[Row], shown: Sequence[str], marked: Marked, words: Mapping[str, str]
 ) -> None:
     """Draw the errors over the parameter, in words with its unit."""
-    figure.set_size_inches(COLUMN, 3.2)
+    figure.set_size_inches(style.COLUMN, 3.2)
     ax = figure.subplots()
     (name,) = values_of(rows[0])
-    for number, colour in zip(shown, OKABE_ITO, strict=False):
+    for number, colour in zip(shown, style.OKABE_ITO, strict=False):
         x, y = _values(rows[1:], name), _percent(rows[1:], number)
         ax.plot(x, y, "o-", color=colour, markersize=3, label=DRAWN[number])
         for row, marker in marked:
@@ -82,10 +73,10 @@ def _draw_curves(
         ax.axvline(x, color=GREY, zorder=0)
     ax.set(xlabel=words[name], ylabel="standard error, % of white")
     ax.grid(True, axis="y")
-    ax.xaxis.set_major_locator(mpl.ticker.MaxNLocator(5))
-    if any(not np.isnan(positive(_percent(rows, number))).all() for number in shown):
+    ax.xaxis.set_major_locator(style.mpl.ticker.MaxNLocator(5))
+    if any(not np.isnan(style.positive(_percent(rows, number))).all() for number in shown):
         ax.set_yscale("log")
-        plain_ticks(ax.yaxis)
+        style.plain_ticks(ax.yaxis)
     else:
         ax.set_yticks([])
     figure.legend(
@@ -98,15 +89,15 @@ def _draw_maps(
 ) -> None:
     """Draw a map of each error over the two parameters, in words with their units."""
     across, up = values_of(rows[0])
-    figure.set_size_inches(COLUMN, 2.7)
+    figure.set_size_inches(style.COLUMN, 2.7)
     (axes,) = figure.subplots(1, len(shown), sharey=True, squeeze=False)
     figure.legend(handles=_marks(), ncols=3, loc="outside upper center", columnspacing=1)
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
-    titles = balanced([DRAWN[number] for number in shown], [2.9 / len(shown)] * len(shown))
+    titles = style.balanced([DRAWN[number] for number in shown], [2.9 / len(shown)] * len(shown))
     for ax, number, title in zip(axes, shown, titles, strict=True):
         ax.set(facecolor=GREY, title=title)
-        values = positive(_percent(rows[1:], number)).reshape(len(x), len(y)).T
-        picture = ax.pcolormesh(x, y, values, norm=log_norm(values), cmap="viridis_r")
+        values = style.positive(_percent(rows[1:], number)).reshape(len(x), len(y)).T
+        picture = ax.pcolormesh(x, y, values, norm=style.log_norm(values), cmap="viridis_r")
         if np.isnan(values).all():
             middle: Any = {"ha": "center", "va": "center", "transform": ax.transAxes}
             ax.text(0.5, 0.5, "no finite error\nabove 0", **middle)

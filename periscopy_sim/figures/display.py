@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.panels import displayable, show_rows
-from periscopy_sim.figures.style import STYLE, mpl
+from periscopy_sim.figures import panels, style
 from periscopy_sim.photograph import Photograph, blackened
-from periscopy_sim.storage.formats.srgb import srgb_encode
 from periscopy_sim.storage.pictures import write_png
+from periscopy_sim.storage.rasters import srgb_encode
 
 
 def to_srgb(image: Any, white: float | None = None) -> NDArray[np.float64]:
@@ -86,10 +85,10 @@ def show(
     pictures = [to_srgb(image, white) for image in (*images, *titled.values())]
     names = [*(titles or ("{} x {}".format(*picture.shape) for picture in pictures[: len(images)]))]
     names += [title.replace("_", " ") for title in titled]
-    plt = mpl.pyplot
+    plt = style.mpl.pyplot
     figure: Any = plt.figure()
-    with mpl.rc_context(STYLE):
-        show_rows(figure, list(zip(names, pictures, strict=True)))
+    with style.mpl.rc_context(style.STYLE):
+        panels.show_rows(figure, list(zip(names, pictures, strict=True)))
     if figure.canvas.required_interactive_framework:  # a window, not a file or a notebook
         plt.show()
     elif plt.get_backend().endswith("inline"):
@@ -109,7 +108,7 @@ def _exposed(image: Any, white: float | None) -> NDArray[np.float64]:
             f"{values.dtype} of shape {values.shape} is no image; give finite numbers, "
             "(rows, columns, channels) or (rows, columns)"
         )
-    return displayable(values, white)
+    return panels.displayable(values, white)
 
 
 def _display_once(figure: Any) -> None:
@@ -117,5 +116,5 @@ def _display_once(figure: Any) -> None:
     from IPython import display
 
     del figure._ipython_display_
-    mpl.pyplot.close(figure)
+    style.mpl.pyplot.close(figure)
     display.display(figure)

@@ -7,22 +7,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.figures.style import (
-    COLUMN,
-    LINE,
-    PAGE,
-    balanced,
-    drawn,
-    log_norm,
-    mpl,
-    plain_ticks,
-    positive,
-    wrapped,
-)
+from periscopy_sim.figures import style
 from periscopy_sim.numerics import Array, Image, Mask
-from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_encode
-from periscopy_sim.storage.outputs.staging import staged_file
-from periscopy_sim.storage.pictures import png_bytes
+from periscopy_sim.storage import outputs, pictures, rasters
 
 if TYPE_CHECKING:
     from periscopy_sim.model.residual import Residual
@@ -83,7 +70,7 @@ def hatching(rows: int = STRIPES, columns: int = STRIPES) -> Pixels:
 def enlarged(image: Image, down: int, across: int) -> Pixels:
     """Return 8-bit sRGB of linear light in [0, 1], pixels repeated down and across, NaN hatched."""
     known = _known(image).repeat(down, axis=0).repeat(across, axis=1)
-    pixels = srgb_bytes(np.nan_to_num(image)).repeat(down, axis=0).repeat(across, axis=1)
+    pixels = rasters.srgb_bytes(np.nan_to_num(image)).repeat(down, axis=0).repeat(across, axis=1)
     return np.where(known[..., None], pixels, hatching(*known.shape))
 
 
@@ -97,8 +84,8 @@ def write_enlarged(path: Path, image: Image, text: Mapping[str, str]) -> None:
     rows, columns = image.shape[:2]
     across = max(1, 720 // columns)
     down = across * int(np.ceil(columns / rows / LONGEST))  # of a strip
-    with staged_file(path) as staged:
-        staged.write_bytes(png_bytes(enlarged(image, down, across), text))
+    with outputs.staged_file(path) as staged:
+        staged.write_bytes(pictures.png_bytes(enlarged(image, down, across), text))
 
 
 def show(ax: Any, title: str, picture: NDArray[Any], **colours: Any) -> Any:
@@ -141,7 +128,7 @@ def show_light(ax: Any, title: str, image: Image, white: float | None = None) ->
 def encoded(image: Image, white: float | None) -> NDArray[np.float64]:
     """Return light exposed by `displayable`, in sRGB; with a fourth channel, 0 where NaN is."""
     known = _known(image)[..., None]
-    picture = srgb_encode(displayable(image, white))
+    picture = rasters.srgb_encode(displayable(image, white))
     return picture if known.all() else np.concatenate([picture, known], axis=-1)
 
 
@@ -153,7 +140,7 @@ def show_signed(
     Colours end at `bound` either way, or at the first map's 99th percentile; NaN is hatched.
     """
     bound = bound or float(np.nanpercentile(np.abs(next(iter(maps.values()))), 99)) or 1.0
-    colours = mpl.colormaps["RdBu_r"].with_extremes(bad=(0, 0, 0, 0))
+    colours = style.mpl.colormaps["RdBu_r"].with_extremes(bad=(0, 0, 0, 0))
     for ax, (title, values) in zip(axes, maps.items(), strict=True):
         picture = show(ax, title, values, cmap=colours, vmin=-bound, vmax=bound)
     axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.9, label=unit)
@@ -183,12 +170,12 @@ def show_rows(figure: Any, rows: Rows) -> None:
     lines = list((rows if isinstance(rows, Mapping) else {"": rows}).items())
     if len(lines) == 1:
         ((_, panels),) = lines
-        parts = lines_of([proportions(picture) for _, picture in panels], COLUMN)
+        parts = lines_of([proportions(picture) for _, picture in panels], style.COLUMN)
         lines = [("", [panels[k] for k in part]) for part in parts]
     aspects = [[proportions(picture) for _, picture in panels] for _, panels in lines]
     columns = max(map(len, aspects))
     ratios = [max(each[k] for each in aspects if len(each) > k) for k in range(columns)]
-    width = COLUMN if columns <= ABREAST else PAGE
+    width = style.COLUMN if columns <= ABREAST else style.PAGE
     gap = 4 * GAP if any(_is_strip(each) for _, panels in lines for _, each in panels) else GAP
     room = width - (columns + 1) * gap
 
@@ -197,15 +184,17 @@ def show_rows(figure: Any, rows: Rows) -> None:
         slots = min(room / sum(ratios), TALLEST) * np.array(ratios)
         return slots, [min([TALLEST, *(slots[: len(each)] / each)]) for each in aspects]
 
-    labels = [wrapped(name, tall) for (name, _), tall in zip(lines, fitted(room)[1], strict=True)]
-    names = LINE * max(len(label.split("\n")) for label in labels) if labels[0] else 0
+    labels = [
+        style.wrapped(name, tall) for (name, _), tall in zip(lines, fitted(room)[1], strict=True)
+    ]
+    names = style.LINE * max(len(label.split("\n")) for label in labels) if labels[0] else 0
     room -= names
     slots, heights = fitted(room)
     middles = names + gap + (room - slots.sum()) / 2 + np.cumsum(slots + gap) - gap - slots / 2
     titles = [
-        balanced([t for t, _ in panels], slots.tolist()[: len(panels)]) for _, panels in lines
+        style.balanced([t for t, _ in panels], slots.tolist()[: len(panels)]) for _, panels in lines
     ]
-    above = [gap + LINE * max(len(t.split("\n")) * bool(t) for t in line) for line in titles]
+    above = [gap + style.LINE * max(len(t.split("\n")) * bool(t) for t in line) for line in titles]
     height = bottom = sum(heights) + sum(above) + gap
     figure.set_layout_engine("none")
     figure.set_size_inches(width, height)
@@ -236,7 +225,7 @@ def draw_panels(
     rows = {
         name: [(title, encoded(image, 1)) for title, image in row] for name, row in named.items()
     }
-    with drawn(path, metadata, caption) as figure:
+    with style.drawn(path, metadata, caption) as figure:
         show_rows(figure, rows)
 
 
@@ -253,14 +242,18 @@ def draw_bounds(
     All are (R, C), by the surfaces' ids, white being 1. What no logarithmic scale shows, as a bound
     of 0, is hatched, and the caption says so.
     """
-    maps = {name: [100 * positive(each) for each in (alone[name], both[name])] for name in alone}
+    maps = {
+        name: [100 * style.positive(each) for each in (alone[name], both[name])] for name in alone
+    }
     values = np.concatenate([np.ravel(each) for pair in maps.values() for each in pair])
-    norm = log_norm(values)
+    norm = style.log_norm(values)
     if np.isnan(values).any():
         caption = f"{caption}; hatched: no bound above 0".removeprefix("; ")
     heights = [1 / proportions(each) for each in alone.values()]
-    with drawn(path, metadata, caption) as figure:
-        figure.set_size_inches(COLUMN, 1.1 * sum(heights) + 0.3 * len(alone) + BAR * len(alone))
+    with style.drawn(path, metadata, caption) as figure:
+        figure.set_size_inches(
+            style.COLUMN, 1.1 * sum(heights) + 0.3 * len(alone) + BAR * len(alone)
+        )
         axes = figure.subplots(len(alone), 3, squeeze=False, height_ratios=heights)
         for line, (name, pair) in zip(axes, maps.items(), strict=True):
             for ax, title, percent in zip(line, ("A alone", "[A, B]"), pair, strict=False):
@@ -270,7 +263,7 @@ def draw_bounds(
             figure.colorbar(ratio, ax=line[2], label="[A, B] over A", **beneath)
             label = "standard error, % of white"
             bar = figure.colorbar(bounds, ax=line[:2], label=label, **beneath)
-            plain_ticks(bar.ax.xaxis)
+            style.plain_ticks(bar.ax.xaxis)
             if len(alone) > 1:
                 line[0].set_title(f"{name}\nA alone")
 
@@ -289,11 +282,11 @@ def draw_certainty(
     all pictures: bright is certain.
     """
     white = float(np.percentile(np.concatenate([np.ravel(f) for f in images.values()]), 99)) or 1.0
-    colours = {"cmap": "magma_r", "norm": mpl.colors.LogNorm(*CERTAINTY)}
+    colours = {"cmap": "magma_r", "norm": style.mpl.colors.LogNorm(*CERTAINTY)}
     caption = f"The standard errors assume that {assumed}." if assumed else ""
-    with drawn(path, metadata, caption) as figure:
+    with style.drawn(path, metadata, caption) as figure:
         heights = [min(1.4 / proportions(each), TALLEST) for each in images.values()]
-        figure.set_size_inches(COLUMN, max(1.3, sum(heights) + 0.25 * len(images)))
+        figure.set_size_inches(style.COLUMN, max(1.3, sum(heights) + 0.25 * len(images)))
         axes = figure.subplots(len(images), 2, squeeze=False, height_ratios=heights)
         for (left, right), (name, image) in zip(axes, images.items(), strict=True):
             show_light(left, name if len(images) > 1 else "reconstruction", image, white)
@@ -315,12 +308,12 @@ def draw_residual(
 ) -> None:
     """Draw a photograph, (rows, columns, 3), linear, beside its residual; see `Residual`."""
     values, bound, unit = residual_map(residual)
-    with drawn(path, metadata, caption) as figure:
-        figure.set_size_inches(COLUMN, min(1.4 / proportions(values), TALLEST) + 0.25)
+    with style.drawn(path, metadata, caption) as figure:
+        figure.set_size_inches(style.COLUMN, min(1.4 / proportions(values), TALLEST) + 0.25)
         axes = figure.subplots(1, 2)
         unused = np.isnan(values)[..., np.newaxis]
         show_light(axes[0], "photograph", np.where(unused, np.nan, photograph))
-        show_signed(axes[1:], {"unexplained": values}, wrapped(unit, 1.3), bound)
+        show_signed(axes[1:], {"unexplained": values}, style.wrapped(unit, 1.3), bound)
 
 
 def residual_map(residual: "Residual") -> tuple[Array, float, str]:

@@ -13,7 +13,7 @@ from periscopy_sim.numerics import Array, Image, Mask
 from periscopy_sim.rendering.survey import Survey
 from periscopy_sim.rendering.variant import is_vectorized
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.rasters import srgb_encode
 
 PIXELS, INCHES = 525, 7.0
 """Of the picture's longer side; its PNG has four times as many pixels."""

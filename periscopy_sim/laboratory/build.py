@@ -9,16 +9,16 @@ import numpy as np
 
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.laboratory.document import (
+    LENGTHS,
     AngularSurface,
     MeshBody,
     UprightCylinder,
     load_laboratory,
 )
-from periscopy_sim.laboratory.quantities import LENGTHS
-from periscopy_sim.laboratory.scene_parts import CYLINDER, scene_text
-from periscopy_sim.rendering.scene.load import SIDES, load_geometry, load_scene
-from periscopy_sim.rendering.scene.mesh_formats import REMEDY, TriangleMesh, read_mesh, write_ply
-from periscopy_sim.storage.outputs.staging import spare_inputs, staged_file
+from periscopy_sim.laboratory.scene_text import CYLINDER, scene_text
+from periscopy_sim.rendering.load import SIDES, load_geometry, load_scene
+from periscopy_sim.rendering.scene_files import REMEDY, TriangleMesh, read_mesh, write_ply
+from periscopy_sim.storage.outputs import spare_inputs, staged_file
 
 FOOT = 0.01
 """Height of a mesh's lowest face, over the mesh's: that of a scan is flat to some 3 mm of 30 cm."""

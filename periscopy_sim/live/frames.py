@@ -1,4 +1,4 @@
-"""Frames as they come: from a folder, or from a function that returns the next one.
+"""Frames as they come, from a folder or a function, prepared and averaged into photographs.
 
 A source yields each frame as soon as it is whole. It reports a fault in one line and goes on where
 it can.
@@ -7,9 +7,9 @@ it can.
 import os
 import reprlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from itertools import count
 from pathlib import Path
@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.numerics.validation import plain_array
-from periscopy_sim.own_code import OwnCode, own_errors, place_of
-from periscopy_sim.photograph import with_channels
-from periscopy_sim.photographs.defects import plateaus
-from periscopy_sim.photographs.develop import SensorImage, sensor_image
-from periscopy_sim.storage.formats.srgb import srgb_light
-from periscopy_sim.storage.formats.table import suffixes
-from periscopy_sim.storage.photographs import read_sensor_image
+from periscopy_sim.methods import OwnCode, own_errors, place_of
+from periscopy_sim.numerics import Array, Mask, validation
+from periscopy_sim.photograph import ColourMatrix, Photograph, blackened, with_channels
+from periscopy_sim.photographs import develop
+from periscopy_sim.photographs.prepare import FilmPixels
+from periscopy_sim.photographs.wall_view import WallPoints, WallTags
+from periscopy_sim.scenario import Scenario
+from periscopy_sim.storage import formats, photographs, rasters
 
 POLL, PATIENCE = 0.2, 3.0
 """Seconds between two looks at a folder, from one of which to the next a whole file stays the same;
@@ -58,12 +58,12 @@ class CameraFrame:
     time: float = field(default_factory=time.monotonic)
 
     @property
-    def light(self) -> SensorImage:
+    def light(self) -> develop.SensorImage:
         """The frame as linear light, and where it is saturated."""
         values = self.values if self.table is None else self.table[self.values]
         full = np.isinf(values)
         values = np.where(full, np.max(values, where=~full, initial=0), values)
-        return SensorImage(values.astype(np.float32), full.any(axis=2), self.cell)
+        return develop.SensorImage(values.astype(np.float32), full.any(axis=2), self.cell)
 
 
 @cache
@@ -75,7 +75,7 @@ def light_of_codes(
     The others are 1 at most by the sRGB curve, or the codes themselves.
     """
     codes = np.arange(np.iinfo(kind).max + 1, dtype=kind)
-    light = (codes if linear else srgb_light(codes)).astype(np.float32)
+    light = (codes if linear else rasters.srgb_light(codes)).astype(np.float32)
     light[codes >= (codes[-1] if white is None else white)] = np.inf
     return light
 
@@ -123,7 +123,7 @@ def open_source(
     if not callable(source):
         folder, own = Path(source), OwnCode("camera", str(source))
         if folder.is_dir():
-            read = partial(read_sensor_image, white=white, has_black=has_black)
+            read = partial(photographs.read_sensor_image, white=white, has_black=has_black)
             return CameraFolder(folder, read).frames
         if not own.is_complete:
             raise PeriscopyError(
@@ -147,7 +147,7 @@ class CameraFolder:
     """
 
     def __init__(
-        self, folder: Path, read: Callable[[Path], tuple[SensorImage, Sequence[str]]]
+        self, folder: Path, read: Callable[[Path], tuple[develop.SensorImage, Sequence[str]]]
     ) -> None:
         self._folder, self._read_file = folder, read
         self._since = dict[FileVersion, float]()  # when those that are not done were first there
@@ -186,7 +186,7 @@ class CameraFolder:
         self._done &= present
         for version in present - self._done:
             file = self._folder / version[1]
-            kind = suffixes().get(file.suffix.lower())
+            kind = formats.suffixes().get(file.suffix.lower())
             if kind is None or self._format not in ("", kind):
                 why = "another format than the first photograph" if kind else "no photograph"
                 say(f"{file}: {file.suffix or 'a name without suffix'} is {why}; ignored")
@@ -195,7 +195,7 @@ class CameraFolder:
         self._since = {each: self._since.get(each, now) for each in present - self._done}
         return sorted((each for each in self._since if self._since[each] < now), reverse=True)
 
-    def _read(self, version: FileVersion, say: Say) -> SensorImage | None:
+    def _read(self, version: FileVersion, say: Say) -> develop.SensorImage | None:
         """Return a photograph; None for one that cannot be read, which may still be written."""
         _, name, size = version
         file, is_new = self._folder / name, time.monotonic() - self._since[version] < PATIENCE
@@ -212,7 +212,7 @@ class CameraFolder:
             return None
         self._done.add(version)
         if version not in (self._old or ()):  # what lay there may be another camera's
-            self._format = self._format or suffixes()[file.suffix.lower()]
+            self._format = self._format or formats.suffixes()[file.suffix.lower()]
         for warning in warnings:
             say(warning)
         return light
@@ -249,7 +249,7 @@ def _frames_of(
             how = "taken as linear light" if linear else curve
             say(f"{8 * frame.values.dtype.itemsize}-bit frames, {how}")
         is_saturated = not is_first or frame.light.saturated.any()
-        for line in () if is_saturated else plateaus(frame.values, "the frame"):
+        for line in () if is_saturated else develop.plateaus(frame.values, "the frame"):
             say(line)
         is_first = False
         yield frame
@@ -260,7 +260,7 @@ def _frame_of(
 ) -> CameraFrame:
     """Return a copy of what a function returned: its next frame may use the same memory."""
     try:
-        array = plain_array(values, "the frame")
+        array = validation.plain_array(values, "the frame")
     except (TypeError, ValueError, RuntimeError) as error:  # of parts that make no array, too
         if hasattr(values, "dtype"):
             raise PhotographError(f"{origin}: {error}") from error
@@ -276,7 +276,187 @@ def _frame_of(
             "return the three colours, frame[..., :3]"
         )
     if array.dtype.kind != "u" or array.dtype.itemsize > 2:
-        return CameraFrame(sensor_image(array, "the frame", white).infinite, number=number)
+        return CameraFrame(develop.sensor_image(array, "the frame", white).infinite, number=number)
     codes = np.array(array, array.dtype.newbyteorder("="))
     table = light_of_codes(codes.dtype, linear=linear, white=white)
     return CameraFrame(codes, table, number=number)
+
+
+EXPOSURE, EVEN = 0.05, 1 / 3
+"""Change of the light's logarithm that counts as another exposure, and its spread over the pixels,
+over its size, up to which they change alike."""
+
+LINES = 40
+"""Rows and columns of pixels, at least, that show such a change."""
+
+STEADY = 10.0
+"""Seconds between two changes of the mask: a method needs some of them to be formed anew."""
+
+TAKEN = "the average with the monitor off"
+"""Name of the monitor-off photograph that is taken from the frames."""
+
+NOISE_FRAMES = 30
+"""Frames over which the noise of a frame is averaged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Companions:
+    """What belongs to all frames of a camera at rest, as `prepare` and `Photograph` have it.
+
+    `mask` is of the frames' size or of the film's. `dark` and the values of `monitor_off` are of
+    the frames' size, in linear light; the latter may be of the film's.
+    """
+
+    marks: WallPoints | WallTags | None = None
+    mask: Mask | None = None
+    black: float = 0.0
+    dark: develop.SensorImage | None = None
+    monitor_off: Mapping[str, develop.SensorImage] = field(default_factory=dict)
+    colour_matrix: ColourMatrix | None = None
+
+
+class RunningAverage:
+    """The running average of frames of one camera and size, with the noise that it leaves.
+
+    It forgets exponentially; the first frames are averaged evenly. It starts anew when the exposure
+    changes. `wall` is a `Photograph` with the mask and the photographs with the monitor off: a new
+    object whenever these change. `warnings` are one line each, `record` the numbers of the view by
+    marks. Errors are those of `prepare`, or say that a companion is not of the frames' size.
+    """
+
+    def __init__(
+        self,
+        first: CameraFrame,
+        scenario: Scenario,
+        companions: Companions,
+        page_off: Array | None = None,
+    ) -> None:
+        self.shape, self._colours = first.values.shape, companions.colour_matrix
+        self._pixels = FilmPixels(first.light, scenario, companions.marks, companions.mask)
+        film, self.warnings = self._pixels.film, self._pixels.warnings
+        self.record = film.view.record(film.placement) if film else {}
+        self._offset: Array | float = companions.black
+        if companions.dark is not None:
+            self._offset = self._averaged(companions.dark, "the dark frame")
+        self._monitor_off = {
+            name: each.values.astype(np.float64)
+            if each.size == scenario.photograph_shape != self.shape[:2]
+            else self._averaged(each, name) - self._offset
+            for name, each in companions.monitor_off.items()
+        }
+        self.page_off = page_off
+        self.wall: Photograph | None = None
+        self._variance, self._differences = 0.0, 0  # of a frame's noise over the mean light
+        self._first = self._latest = np.empty(0)  # frames of the average
+        self._restart()
+
+    def _averaged(self, picture: develop.SensorImage, name: str) -> Array:
+        develop.check_same_size(picture.values.shape, self.shape, name)
+        return self._pixels.average(picture.values)
+
+    def prepare(self, frame: CameraFrame) -> Array:
+        """Return a frame in the film's pixels, (rows, columns, C); saturated light is infinite."""
+        return np.asarray(self._pixels.average(frame.values, frame.table) - self._offset, float)
+
+    def _restart(self) -> None:
+        self.average: Array | None = None
+        self._share, self._frames = 1.0, 0  # of a frame's variance in the average; frames in it
+        self._mask = self._pixels.mask  # without pixels that were saturated
+        self._due = 0.0  # when the mask of `wall` may change
+
+    def add(self, camera_frame: CameraFrame, count: int = 1) -> list[str]:
+        """Average one frame more; return what a person should know, one line each.
+
+        The average leaves as little noise as the mean of `count` frames.
+        """
+        frame, lines, times = self.prepare(camera_frame), list[str](), 0.0
+        full: Mask = np.asarray(np.isinf(frame).any(axis=2))
+        # The hidden picture may have moved since the average began; an exposure may drift slowly.
+        if self.average is not None:
+            times = self._change(self._latest, frame) or self._change(self._first, frame)
+        if times:
+            self._restart()
+            lines.append(
+                f"the light is {times:.3g} times what it was, and the average starts anew: fix "
+                "exposure and gain, and expose for whole periods of lamps that flicker"
+            )
+        elif count > 1 and self.average is not None:
+            change = develop.change_beyond_noise(self.average, frame, self._mask & ~full)
+            if change:
+                lines.append(f"the frames are averaged, though {develop.differing(change)}")
+        if (full & self._mask).any():
+            self._mask = self._mask & ~full
+            fewer, every = self._mask.sum(), self._pixels.mask.sum()
+            of = f"{every - fewer} of {every} pixels"
+            lines.append(f"saturated: {of} are left out; shorten the exposure")
+        if self.average is None:
+            self.average, self._first = np.nan_to_num(frame, posinf=0), frame
+        elif self._mask.any():
+            self._measure_noise(frame)
+        self._frames += 1
+        weight = 1 / min(self._frames, (count + 1) / 2)
+        # Where it is saturated, a method that still uses the pixel sees what was before.
+        seen = np.where(full[..., np.newaxis], self.average, frame)
+        self.average = self.average + weight * (seen - self.average)
+        self._share = (1 - weight) ** 2 * self._share + weight**2
+        self._latest = frame
+        if not self._mask.any():
+            self._restart()
+            self.wall = None
+            raise PhotographError("all pixels are saturated or masked; shorten the exposure")
+        is_other = self.wall is None or not np.array_equal(self._mask, self.wall.pixels)
+        if is_other and time.monotonic() >= self._due:
+            self._make_wall(self.average)
+        return lines
+
+    def _change(self, before: Array, frame: Array) -> float:
+        """Return the factor of the exposure since a frame before; 0 if it is the same."""
+        step = max(1, min(self._mask.shape) // LINES)
+        few = np.s_[::step, ::step]
+        old, new = (each[few][self._mask[few]].mean(axis=-1) for each in (before, frame))
+        lit = (old > 0) & (new > 0) & np.isfinite(new)
+        if not lit.any():
+            return 0.0
+        ratios = np.log(new[lit] / old[lit])
+        change = float(np.median(ratios))
+        spread = develop.gaussian_spread(ratios - change)
+        is_other = abs(change) > EXPOSURE and spread < EVEN * abs(change)
+        return float(np.exp(change)) if is_other else 0.0
+
+    def _measure_noise(self, frame: Array) -> None:
+        difference = frame[self._mask] - self._latest[self._mask]
+        level = float(np.mean(frame[self._mask])) or 1.0
+        # A median, since the hidden picture may move; two frames' noise differ.
+        variance = (develop.gaussian_spread(difference) / level) ** 2 / 2
+        self._differences += 1
+        self._variance += (variance - self._variance) / min(self._differences, NOISE_FRAMES)
+
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """What `Progress` says of the average: `averaged`, `noise` and `noise_left`."""
+        noise = float(np.sqrt(self._variance))
+        return 1 / self._share, noise, noise * float(np.sqrt(self._share))
+
+    def photograph(self) -> Photograph | None:
+        """Return the average under the conditions of `wall`; None where there is none yet."""
+        if self.wall is None or self.average is None:
+            return None
+        return replace(self.wall, values=self.average)  # a method fitted before may use more pixels
+
+    def toggle_monitor_off(self) -> Photograph | None:
+        """Make the average a photograph with the monitor off, or drop a former one; return it."""
+        if self.average is not None:
+            self.page_off = self.average if self.page_off is None else None
+            self._make_wall(self.average)
+        return self.photograph()
+
+    def _make_wall(self, average: Array) -> None:
+        off = dict(self._monitor_off)
+        if self.page_off is not None:
+            off[TAKEN] = self.page_off
+        self.wall = Photograph.of(
+            blackened(average, self._mask), name="the frames", mask=self._mask,
+            monitor_off={name: blackened(each, self._mask) for name, each in off.items()},
+            colour_matrix=self._colours,
+        )  # fmt: skip
+        self._due = time.monotonic() + STEADY

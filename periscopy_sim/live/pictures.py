@@ -14,8 +14,7 @@ from periscopy_sim.evaluation.metrics import psnr_gain_matched
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_error, remedies_of
 from periscopy_sim.measurement import add_noise, composite, noise_to_signal
-from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.machine import one_thread
+from periscopy_sim.numerics import Array, machine
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Note, Report, Solution, StillMethod
 from periscopy_sim.reconstruction.registry import METHODS
@@ -134,7 +133,7 @@ class FittedChoice:
         if self._follow is None or not self.method.judges_scene:
             return None
         values = self._values(frame)
-        with one_thread():
+        with machine.one_thread():
             report = StillMethod.report(self.method, values, self.method.solve(values))
         remedies = remedies_of(self.scenario, report, self.method, frame)
         return replace(report, remedies=remedies)

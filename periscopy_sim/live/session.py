@@ -16,20 +16,17 @@ from typing import Any, Self
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.extras import require
-from periscopy_sim.live.looks import images_in, mesh_of, panels_of, room_of
-from periscopy_sim.live.movable import Movable, find_movables
-from periscopy_sim.live.pictures import (
+from periscopy_sim.errors import PeriscopyError, require
+from periscopy_sim.live.looks import Movable, find_movables, images_in, mesh_of, panels_of, room_of
+from periscopy_sim.live.pictures import (  # fmt: skip
     Check,
     Choice,
     LivePictures,
     Overtaken,
     SizedLaboratory,
     coarse,
-)  # fmt: skip
-from periscopy_sim.numerics import Array, Mask
-from periscopy_sim.numerics.limits import RANGES
+)
+from periscopy_sim.numerics import Array, Mask, validation
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.reconstruction.registry import METHODS
@@ -265,7 +262,7 @@ class LiveSession:
             images = sorted(file.stem for file in (scenes_folder() / "images").glob("*.png"))
             controls["image"] = chosen("Hidden image", "image", *images, first.image)
             controls["snr"] = slider(
-                Movable("SNR", first.snr, 20.0, 80.0, 1.0, RANGES["decibels"].unit), "",
+                Movable("SNR", first.snr, 20.0, 80.0, 1.0, validation.RANGES["decibels"].unit), "",
                 lambda snr: self._change(REST["slider"], snr=snr), lambda: self.choice.snr,
             )  # fmt: skip
         if first.place:

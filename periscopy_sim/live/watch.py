@@ -19,18 +19,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.live.frames import CameraFrame, Latest, Say, Source, open_source
-from periscopy_sim.live.movable import Movable
+from periscopy_sim.live.frames import (
+    CameraFrame,
+    Companions,
+    Latest,
+    RunningAverage,
+    Say,
+    Source,
+    open_source,
+)
+from periscopy_sim.live.looks import Movable
 from periscopy_sim.live.pictures import Check, Choice, FittedChoice, LivePictures, SizedLaboratory
-from periscopy_sim.live.preparation import Companions, RunningAverage
 from periscopy_sim.live.session import Control, Describe, Job, LiveSession, button, slider
 from periscopy_sim.methods import find_method
-from periscopy_sim.numerics import Mask
-from periscopy_sim.numerics.limits import RANGES, checked
-from periscopy_sim.numerics.validation import checked_scene
+from periscopy_sim.numerics import Mask, validation
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
-from periscopy_sim.photographs.marks import WallPoints, WallTags
+from periscopy_sim.photographs.wall_view import WallPoints, WallTags
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.scenario import Scenario
@@ -149,7 +154,7 @@ class WatchSession(LiveSession):
 
     def further_controls(self) -> Mapping[str, Control]:
         """Return the controls of the average and its monitor-off frame."""
-        number = Movable("Average", self.count, *RANGES["count"].ends, 1.0, "frames")
+        number = Movable("Average", self.count, *validation.RANGES["count"].ends, 1.0, "frames")
         set_count = lambda value: setattr(self, "count", round(value))  # noqa: E731
         labels = "Take the average as the monitor-off frame", "Drop the monitor-off frame"
         return {
@@ -366,9 +371,9 @@ def watch(
         If there is no such source or method, the function raises an error, the first two frames
         cannot be used, the port is taken, or an extra is not installed.
     """
-    checked_scene(scenario)
+    validation.checked_scene(scenario)
     find_method(method)
-    checked("average", average, "count")
+    validation.checked("average", average, "count")
     companions = Companions(
         marks, mask, 0.0, None if dark is None else sensor_image(dark, "the dark frame"),
         {name: sensor_image(each, name) for name, each in (monitor_off or {}).items()},

@@ -25,9 +25,7 @@ import numpy as np
 from scipy import linalg, optimize
 from threadpoolctl import threadpool_limits
 
-from periscopy_sim.model.correction import FirstImage
-from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.model.noise import camera_noise
+from periscopy_sim.model.fit import FirstImage, Fit, FittedPhotograph, camera_noise
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.products import combine_rows
 

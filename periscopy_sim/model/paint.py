@@ -30,8 +30,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
-from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.fit import ERROR_RATE, RESOLVED, FirstImage, Fit, FittedPhotograph
 from periscopy_sim.numerics import Array, Mask
 
 DARK = 0.05

@@ -26,8 +26,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import linalg, ndimage, special
 
-from periscopy_sim.model.fit import Fit
-from periscopy_sim.model.noise import FEWEST, SINGLE_ROUNDING, second_differences
+from periscopy_sim.model.fit import FEWEST, SINGLE_ROUNDING, Fit, second_differences
 from periscopy_sim.model.paint import moved
 from periscopy_sim.model.transport_operator import LARGEST_GRAM, TransportOperator
 from periscopy_sim.numerics import Array

@@ -43,9 +43,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy import optimize, special
 
-from periscopy_sim.model.ambient import ROUNDING
-from periscopy_sim.model.correction import ERROR_RATE, RESOLVED, FirstImage
-from periscopy_sim.model.fit import Fit, FittedPhotograph
+from periscopy_sim.model.fit import ERROR_RATE, RESOLVED, FirstImage, Fit, FittedPhotograph
+from periscopy_sim.model.transport_operator import ROUNDING
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 

@@ -1,17 +1,36 @@
-"""Products of photographs with large matrices, at the speed of memory.
+"""Compiled loops, and products of photographs with large matrices at the speed of memory.
 
 For the three channels of one photograph BLAS packs the matrix anew, which costs more than the
 product, and its threads then spin for milliseconds on the cores that the next stage needs: a still
 by the noise-aware method took half as long again, and the frames of a video twice as long.
 """
 
+from collections.abc import Callable
 from itertools import pairwise
+from typing import Any, TypeVar
 
+import numba
 import numpy as np
 
-from periscopy_sim.numerics import Image
-from periscopy_sim.numerics.compilation import compiled_reordered
-from periscopy_sim.numerics.machine import in_parallel, ranges
+from periscopy_sim.numerics import Image, machine
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def compiled(function: Function, **options: Any) -> Function:
+    """Compile a function; divisions by zero give infinity or NaN, as in NumPy."""
+    settings = {"nogil": True, "error_model": "numpy", **options}
+    try:
+        result: Function = numba.njit(cache=True, **settings)(function)
+    except RuntimeError:  # no folder takes the cache: each process compiles anew
+        result = numba.njit(**settings)(function)
+    return result
+
+
+def compiled_reordered(function: Function) -> Function:
+    """Compile a function of finite numbers whose sums may be reordered, so that loops vectorize."""
+    return compiled(function, fastmath={"reassoc", "nsz", "nnan", "contract"})
+
 
 CHUNK, TILE = 1024, 48
 """Columns, about, and rows at a time, which stay in the cache for all vectors."""
@@ -30,8 +49,8 @@ def times_rows(vectors: Image, matrix: Image) -> Image:
     if len(vectors) % 3:
         return np.asarray(vectors @ matrix.T)
     product = np.zeros((len(vectors), len(matrix)), vectors.dtype)
-    blocks = ranges(-(-len(matrix) // 4))
-    in_parallel(lambda part: _multiply(vectors, matrix, *part, product), blocks)
+    blocks = machine.ranges(-(-len(matrix) // 4))
+    machine.in_parallel(lambda part: _multiply(vectors, matrix, *part, product), blocks)
     return product
 
 
@@ -82,8 +101,8 @@ def subtract_combinations(vectors: Image, coefficients: Image, rows: Image) -> N
 
     The shapes are (K, M), (K, r) and (r, M), of one type, the vectors C-contiguous.
     """
-    chunks = ranges(-(-rows.shape[1] // CHUNK))
-    in_parallel(lambda part: _subtract(vectors, coefficients, rows, *part), chunks)
+    chunks = machine.ranges(-(-rows.shape[1] // CHUNK))
+    machine.in_parallel(lambda part: _subtract(vectors, coefficients, rows, *part), chunks)
 
 
 @compiled_reordered
@@ -133,7 +152,7 @@ def filter_rows(vectors: Image, rows: Image, gain: Image, offset: Image) -> Imag
         _filter(vectors, rows[own], gain[:, own], offset[:, own], combined)
         return combined
 
-    first, *others = in_parallel(filtered, [*pairwise(edges)])
+    first, *others = machine.in_parallel(filtered, [*pairwise(edges)])
     for each in others:
         first += each
     return first

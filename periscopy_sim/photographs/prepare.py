@@ -8,14 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array, Mask
-from periscopy_sim.photographs.defects import defective_pixels
-from periscopy_sim.photographs.develop import SensorImage, mask_of_pixels, sensor_image
-from periscopy_sim.photographs.marks import Marks, WallPoints, WallTags, find_tags
+from periscopy_sim.photographs import develop, wall_view
 from periscopy_sim.photographs.resampling import AreaMap, Flaw, block_corners
-from periscopy_sim.photographs.view_fit import FittedView, fit_view
-from periscopy_sim.photographs.wall_view import WallPlane, project, wall_plane
+from periscopy_sim.view import Geometry
 
 PAPER_SIDE = 1.5
 """Side of the paper around a tag over the tag's own; the film's pixels on it are not used."""
@@ -32,8 +28,10 @@ class PlacedFilm:
     pixels.
     """
 
-    view: FittedView = field(repr=False)  # how the photograph shows the wall
-    plane: WallPlane = field(repr=False)  # the wall, and where the film's pixels lie in it
+    view: wall_view.FittedView = field(repr=False)  # how the photograph shows the wall
+    plane: wall_view.WallPlane = field(
+        repr=False
+    )  # the wall, and where the film's pixels lie in it
     corners: Array = field(repr=False)  # (rows + 1, columns + 1, 2) of pixels: column and row
     coverage: float  # pixels of the photograph that a median pixel of the film covers
     placement: float
@@ -44,35 +42,41 @@ class PlacedFilm:
         hidden = np.zeros(self.plane.shape, bool)
         for tag in self.view.places if self.view.marks.are_tags else ():
             middle = tag.mean(axis=0)
-            on_film = project(np.linalg.inv(self.plane.film), middle + PAPER_SIDE * (tag - middle))
+            on_film = wall_view.project(
+                np.linalg.inv(self.plane.film), middle + PAPER_SIDE * (tag - middle)
+            )
             left, top = np.maximum(np.floor(on_film.min(axis=0)).astype(int), 0)
             right, bottom = np.maximum(np.floor(on_film.max(axis=0)).astype(int) + 1, 0)
             hidden[top:bottom, left:right] = True
         return hidden
 
 
-def place_film(light: SensorImage, scenario: Geometry, marks: WallPoints | WallTags) -> PlacedFilm:
+def place_film(
+    light: develop.SensorImage, scenario: Geometry, marks: wall_view.WallPoints | wall_view.WallTags
+) -> PlacedFilm:
     """Find the pixels of a scene's film in any camera's photograph, by marks on the wall.
 
     A PhotographError names the list of marks if they do not show the view, see `find_tags` and
     `fit_view`, one is off the wall, or part of the film lies behind the photograph's camera. A wall
     that is not plane is a SceneError, see `wall_plane`.
     """
-    plane = wall_plane(scenario)
+    plane = wall_view.wall_plane(scenario)
     rows, columns = plane.shape
     on_wall, missing = plane.pixel_corners(), ()
     try:
-        if isinstance(marks, WallPoints):
+        if isinstance(marks, wall_view.WallPoints):
             names = marks.names or [f"point {k + 1}" for k in range(len(marks.pixels))]
             positions = _on_wall(marks.positions, plane, names)
-            known = Marks.of_points(marks.pixels, positions, names)
+            known = wall_view.Marks.of_points(marks.pixels, positions, names)
         else:
-            places, corners = find_tags(light.values, marks.ids)
+            places, corners = wall_view.find_tags(light.values, marks.ids)
             missing = tuple(sorted(set(marks.ids.tolist()) - set(marks.ids[places].tolist())))
             names = [f"tag {number}" for number in marks.ids[places]]
             positions = _on_wall(marks.centers[places], plane, names)
-            known = Marks.of_tags(light.cell * corners, positions, marks.sizes[places], names)
-        view = fit_view(known, (light.cell * light.size[0], light.cell * light.size[1]))
+            known = wall_view.Marks.of_tags(
+                light.cell * corners, positions, marks.sizes[places], names
+            )
+        view = wall_view.fit_view(known, (light.cell * light.size[0], light.cell * light.size[1]))
         if not view.view.shows(on_wall):
             raise PhotographError(
                 "the points or tags put part of the camera's field of view behind the photograph's "
@@ -87,7 +91,7 @@ def place_film(light: SensorImage, scenario: Geometry, marks: WallPoints | WallT
     return PlacedFilm(view, plane, on_sensor, coverage, float(placement), missing)
 
 
-def _on_wall(positions: Array, plane: WallPlane, names: Sequence[str]) -> Array:
+def _on_wall(positions: Array, plane: wall_view.WallPlane, names: Sequence[str]) -> Array:
     """Return the places of marks in the wall's plane, (n, 2); raise if one is off the plane."""
     local = plane.coordinates(positions)
     extent = float(np.linalg.norm(np.ptp(plane.pixel_corners(), axis=0)))
@@ -144,7 +148,7 @@ class Prepared:
     flaws: NDArray[np.uint8] = field(repr=False)
     defects: int
     coverage: float
-    view: FittedView | None
+    view: wall_view.FittedView | None
     placement: float = 0.0
     warnings: tuple[str, ...] = ()
 
@@ -180,9 +184,9 @@ class FilmPixels:
 
     def __init__(
         self,
-        light: SensorImage,
+        light: develop.SensorImage,
         scenario: Geometry,
-        marks: WallPoints | WallTags | None = None,
+        marks: wall_view.WallPoints | wall_view.WallTags | None = None,
         mask: Mask | None = None,
     ) -> None:
         shape = scenario.photograph_shape
@@ -206,8 +210,8 @@ class FilmPixels:
         if mask is not None and mask.shape == shape != light.size:
             on_film = mask
         elif mask is not None:
-            on_photograph = mask_of_pixels(mask, light)
-        found = defective_pixels(light.values, on_photograph)
+            on_photograph = develop.mask_of_pixels(mask, light)
+        found = develop.defective_pixels(light.values, on_photograph)
         single = (found.dead | found.hot) & ~light.saturated
         self.defects = int(np.count_nonzero(single))
         flaws = np.uint8(Flaw.DEFECTIVE) * single
@@ -240,10 +244,10 @@ def _measuring(used: Mask) -> Mask:
 
 
 def prepare(
-    photograph: SensorImage | ArrayLike,
+    photograph: develop.SensorImage | ArrayLike,
     scenario: Geometry,
     *,
-    marks: WallPoints | WallTags | None = None,
+    marks: wall_view.WallPoints | wall_view.WallTags | None = None,
     mask: Mask | None = None,
 ) -> Prepared:
     """Bring a photograph to the pixels of a scene's camera.
@@ -274,7 +278,7 @@ def prepare(
     SceneError
         If there are marks and the wall is not plane.
     """
-    light = sensor_image(photograph, "the photograph")
+    light = develop.sensor_image(photograph, "the photograph")
     pixels = FilmPixels(light, scenario, marks, mask)
     film, warnings = pixels.film, pixels.warnings
     values = pixels.average(light.infinite)

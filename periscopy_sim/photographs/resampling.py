@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.compilation import compiled, compiled_reordered
-from periscopy_sim.numerics.machine import in_parallel, ranges
+from periscopy_sim.numerics import Array, machine
+from periscopy_sim.numerics.products import compiled, compiled_reordered
 
 SLIVER = 1e-6
 """Fraction of a new pixel's area that does not count: rounding of its corners."""
@@ -78,7 +77,7 @@ class AreaMap:
             boxes = self._boxes, self._starts, self._weights
             _weigh_rows(flaws, corners, part[0], part[1], *boxes, self.kinds, covered)
 
-        in_parallel(weigh, ranges(shape[0]))
+        machine.in_parallel(weigh, machine.ranges(shape[0]))
         self.kinds |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
         self.kinds |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
 
@@ -99,7 +98,7 @@ class AreaMap:
             boxes = self._boxes, self._starts, self._weights
             _average_rows(image, table, part[0], part[1], *boxes, values)
 
-        in_parallel(average, ranges(len(self.kinds)))
+        machine.in_parallel(average, machine.ranges(len(self.kinds)))
         return values
 
 

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from periscopy_sim.numerics.limits import RANGES
+from periscopy_sim.numerics.validation import RANGES
 
 if TYPE_CHECKING:
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.numerics import Image
-    from periscopy_sim.reconstruction.method import StillMethod
-    from periscopy_sim.reconstruction.video_method import FrameByFrame
+    from periscopy_sim.reconstruction.method import FrameByFrame, StillMethod
 
 
 @dataclass(frozen=True)
@@ -156,23 +155,23 @@ _ENTRIES = (
     MethodEntry(
         DEFAULT,
         "models the noise in the photograph, where it is white",
-        "noise_aware.noise_aware:NoiseAware",
+        "noise_aware:NoiseAware",
         bytes_per_entry=8,
         patterns=True,
         options=(_regularization("in ‖A⊥‖_F / σ", 0.02), _RANK),
         certainty="standard errors",
         uncertain=True,
-        views="noise_aware.views:NoiseAwareViews",
-        video=VideoEntry("noise_aware.video:NoiseAwareVideo", ("l1", "none"), (_l1_weight(0.8),)),
+        views="noise_aware_views:NoiseAwareViews",
+        video=VideoEntry("noise_aware:NoiseAwareVideo", ("l1", "none"), (_l1_weight(0.8),)),
     ),
     MethodEntry(
         "preconditioned",
         "the paper's",
-        "preconditioned.still:Periscope",
+        "preconditioned:Periscope",
         options=(_IN_ERRORS, _REPAIR, _RANK),
         rays=True,
         video=VideoEntry(
-            "preconditioned.video:Video",
+            "preconditioned:Video",
             ("l1", "total-variation", "none"),
             (
                 Option(
@@ -188,27 +187,27 @@ _ENTRIES = (
     MethodEntry(
         "differencing",
         "of neighbouring pixels, as published in 2019, converged",
-        "baselines.differencing:Differencing",
+        "differencing:Differencing",
         options=(_IN_NOISE,),
     ),
     MethodEntry(
         "differencing-published",
         "the same, stopped where the published code stops",
-        "baselines.differencing:Differencing",
+        "differencing:Differencing",
         options=(_IN_NOISE,),
         fixed={"stop": "published"},
     ),
     MethodEntry(
         "truncated-svd",
         "the paper's with A's top singular vectors in place of P",
-        "baselines.truncated_svd:TruncatedSVD",
+        "truncated_svd:TruncatedSVD",
         bytes_per_entry=20,
         options=(_IN_ERRORS, _REPAIR),
     ),
     MethodEntry(
         "pseudoinverse",
         "the paper's without backgrounds",
-        "preconditioned.still:Periscope",
+        "preconditioned:Periscope",
         options=(_IN_ERRORS, _REPAIR),
         rays=True,
         backgrounds=False,

@@ -24,21 +24,15 @@ from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport, has_areas, points_across
 from periscopy_sim.errors import SceneError
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.limits import checked
-from periscopy_sim.numerics.machine import rising
-from periscopy_sim.numerics.validation import InputError, checked_number, checked_scene
-from periscopy_sim.rendering.ambient.background import DIRECT_SAMPLES, RAY, Part, refined
-from periscopy_sim.rendering.ambient.irradiance import direct_irradiance
-from periscopy_sim.rendering.scene.load import build_scene
-from periscopy_sim.rendering.scene.wall import camera_of, shape_of
-from periscopy_sim.rendering.transport.bounced import DIRECT, PATHS, make_tracer
-from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
+from periscopy_sim.numerics import Array, machine
+from periscopy_sim.numerics.validation import InputError, checked, checked_number, checked_scene
+from periscopy_sim.rendering import bounced, load, wall
+from periscopy_sim.rendering.ambient import DIRECT_SAMPLES, RAY, Part, direct_irradiance, refined
+from periscopy_sim.rendering.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
-from periscopy_sim.view import LIFT, View, rises
+from periscopy_sim.view import LIFT, Geometry, View, rises
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -139,18 +133,22 @@ def rendering_of(
             checked(name, number, kind)
     seed = int(checked_number(seed, "seed", 0, 2**32 - 1, whole=True))
     snr = checked_number(snr, "snr")  # it may be that of faint light beside ambient light
-    report, target = rising(progress), allowed_error(snr)
+    report, target = machine.rising(progress), allowed_error(snr)
     scene = scenario.scene
     # Pictures have the film's pixels.
     scenario = Geometry(View.of(scene, camera=scenario.view.camera), scenario.hidden)
     other_lights = bool(scene.lights) and not only_monitor
     shown = partial(
-        build_scene, scene, scenario.hidden, images, only_hidden=only_monitor or not other_lights
+        load.build_scene,
+        scene,
+        scenario.hidden,
+        images,
+        only_hidden=only_monitor or not other_lights,
     )
     # Rays of other light would take a transparent surface for opaque.
     is_plain, is_clear = scenario.view.reflectance is not None, bool(scene.transparent)
     needs_paths = (other_lights and not is_plain) or (
-        is_clear and (other_lights or bounces != DIRECT)
+        is_clear and (other_lights or bounces != bounced.DIRECT)
     )
     patches = sum(each.shape[0] * each.shape[1] for each in images.values())
     finest = 2 * points_across(scenario.photograph_shape)
@@ -164,7 +162,7 @@ def rendering_of(
         return Rendering(*traced, -math.inf if samples else snr)
     report(0.5)
     light, rest = np.zeros_like(direct), 0.0
-    if bounces != DIRECT or other_lights:
+    if bounces != bounced.DIRECT or other_lights:
         parts = _other_light(scenario, shown(), other_lights=other_lights, bounces=bounces)
         within = math.sqrt(max(target**2 - error**2, (target / 3) ** 2))
         light, rest = _smoothed(
@@ -242,7 +240,7 @@ def bounced_light(scenario: Geometry, images: Mapping[str, Array], seed: int = 0
     light, channels = list[Array](), next(iter(images.values())).shape[2]
     for some in [[0, 1, 2]] if channels == 3 else [[channel] * 3 for channel in range(channels)]:
         shown = {name: np.maximum(image[..., some], 0) for name, image in images.items()}
-        scene = build_scene(scenario.scene, scenario.hidden, shown, only_hidden=True)
+        scene = load.build_scene(scenario.scene, scenario.hidden, shown, only_hidden=True)
         (part,) = _other_light(scenario, scene, other_lights=False, bounces=None)
         part.add_round(seeds)
         of_three = part.fit.replicas.mean(axis=0)
@@ -358,7 +356,7 @@ def _other_light(
         height = np.maximum(lift, rises(view.centers, view.center_normals, shape))
         points = view.centers + height[:, None] * view.center_normals
         surface = points, view.center_normals, view.edges, DIRECT_SAMPLES
-        own = [shape_of(scene, name).emitter() for name in scenario.hidden]
+        own = [wall.shape_of(scene, name).emitter() for name in scenario.hidden]
 
         def reflected(emitter: Any, seed: int) -> Array:
             return np.asarray(gain * direct_irradiance(scene, emitter, *surface, seed))
@@ -366,10 +364,10 @@ def _other_light(
         others = (emitter for emitter in scene.emitters() if emitter not in own)
         work = M * DIRECT_SAMPLES
         parts += [Part(partial(reflected, each), everywhere, shape, work) for each in others]
-    if bounces != DIRECT:
+    if bounces != bounced.DIRECT:
         sites = chosen_sites(shape)
-        tracer = make_tracer(scenario, sites, bounces, scene)
-        parts.append(Part(tracer, sites, shape, len(sites) * PATHS * RAY))
+        tracer = bounced.make_tracer(scenario, sites, bounces, scene)
+        parts.append(Part(tracer, sites, shape, len(sites) * bounced.PATHS * RAY))
     return parts
 
 
@@ -411,7 +409,7 @@ def _path_traced(
     # Mitsuba's plain path tracer takes a null BSDF for opaque where it samples emitters.
     kind = "volpath" if scenario.scene.transparent else "path"
     depth = -1 if bounces is None else bounces + 1
-    camera, count = camera_of(scene, scenario.view.camera), samples or TRACED[0]
+    camera, count = wall.camera_of(scene, scenario.view.camera), samples or TRACED[0]
 
     def half(number: int) -> Array:
         return path_trace(
@@ -447,7 +445,7 @@ def path_trace(
     by `mi.render`, but in several wavefronts: independent renderings of fewer samples would have
     larger strata, and larger errors.
     """
-    camera = camera_of(scene) if sensor is None else sensor
+    camera = wall.camera_of(scene) if sensor is None else sensor
     tracer = mi.load_dict({"type": integrator, "max_depth": depth})
     columns, rows = (int(n) for n in camera.film().crop_size())
     pixels = rows * columns

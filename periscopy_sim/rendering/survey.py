@@ -6,12 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.wall import camera_of, look, map_points
-from periscopy_sim.rendering.transport.kernel import SHADOW_EPSILON
-from periscopy_sim.rendering.variant import dr, is_vectorized, mi
+from periscopy_sim.rendering import shadow_rays, variant, wall
 from periscopy_sim.scene import Occluder, corners
+from periscopy_sim.view import Geometry
 
 RAYS = 1 << 16
 """Rays between random places of the monitor and of the wall that `hidden_fraction` traces."""
@@ -45,15 +43,17 @@ class Survey:
     def __init__(self, scenario: Geometry) -> None:
         source, view = scenario.scene.source, scenario.view
         self._scene, self._opaque = source.built(scenario.scene), source.opaque(scenario.scene)
-        camera = camera_of(self._scene, view.camera)
+        camera = wall.camera_of(self._scene, view.camera)
         film = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0.5)])
-        film = np.clip(film, SHADOW_EPSILON, 1 - SHADOW_EPSILON)  # rounding leaves none outside
+        film = np.clip(
+            film, shadow_rays.SHADOW_EPSILON, 1 - shadow_rays.SHADOW_EPSILON
+        )  # rounding leaves none outside
 
         def through(position: Any) -> tuple[Any, Any, Any]:
-            ray, si = look(self._scene, camera, position)
+            ray, si = wall.look(self._scene, camera, position)
             return ray.o, ray.d, si.p
 
-        origins, directions, self.view_points = map_points(through, film)
+        origins, directions, self.view_points = wall.map_points(through, film)
         self.parallel = np.allclose(directions, directions[0], atol=1e-5)
         eye = view.scene.places[view.camera][:3, 3]  # rays begin at the near clipping plane
         self.view_origins: Array = origins if self.parallel else np.tile(eye, (5, 1))
@@ -75,11 +75,11 @@ class Survey:
         """Return whether anything stands between points (n, 3) and others (n, 3)."""
 
         def test(start: Any, path: Any) -> tuple[Any]:
-            ray = mi.Ray3f(start, path, 1 - 2 * SHADOW_EPSILON, 0.0, [])
+            ray = variant.mi.Ray3f(start, path, 1 - 2 * shadow_rays.SHADOW_EPSILON, 0.0, [])
             return (self._opaque.ray_test(ray),)
 
         path = ends - starts
-        (met,) = map_points(test, starts + SHADOW_EPSILON * path, path)
+        (met,) = wall.map_points(test, starts + shadow_rays.SHADOW_EPSILON * path, path)
         return np.asarray(met[:, 0] != 0)
 
     def seen(self, eyes: Array, directions: Array) -> tuple[NDArray[np.intp], Array, Array, Array]:
@@ -90,14 +90,16 @@ class Survey:
         """
 
         def meet(eye: Any, way: Any) -> tuple[Any, ...]:
-            si = self._scene.ray_intersect(mi.Ray3f(eye, mi.Vector3f(way)))
-            number = mi.Float(-1)
+            si = self._scene.ray_intersect(variant.mi.Ray3f(eye, variant.mi.Vector3f(way)))
+            number = variant.mi.Float(-1)
             for k, shape in enumerate(self._shapes.values()):
-                same = si.shape == (mi.ShapePtr(shape) if is_vectorized() else shape)
-                number = dr.select(si.is_valid() & same, mi.Float(k), number)
+                same = si.shape == (
+                    variant.mi.ShapePtr(shape) if variant.is_vectorized() else shape
+                )
+                number = variant.dr.select(si.is_valid() & same, variant.mi.Float(k), number)
             return number, si.p, si.n, si.uv
 
-        number, points, normals, uv = map_points(meet, eyes, directions)
+        number, points, normals, uv = wall.map_points(meet, eyes, directions)
         return number[:, 0].astype(np.intp), points, normals, uv
 
 
@@ -108,7 +110,7 @@ def _points_of(occluder: Occluder, shape: Any) -> Array:
     side = np.linspace(0, 1 - 1e-6, 24)
     grid = np.stack(np.meshgrid(side, side), axis=2).reshape(-1, 2)
     try:
-        (points,) = map_points(lambda sample: (shape.sample_position(0.0, sample).p,), grid)
+        (points,) = wall.map_points(lambda sample: (shape.sample_position(0.0, sample).p,), grid)
     except (RuntimeError, NotImplementedError):
         points = np.full((1, 3), np.nan)
     assert occluder.bounds is not None

@@ -18,8 +18,7 @@ from threading import RLock
 from types import ModuleType
 from typing import Any
 
-from periscopy_sim.errors import VariantError
-from periscopy_sim.extras import installation
+from periscopy_sim.errors import VariantError, installation
 
 PREFERENCE = ("cuda_ad_rgb", "metal_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 OVERRIDE = "PERISCOPY_VARIANT"

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from periscopy_sim.geometry import Geometry
 from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Image
 from periscopy_sim.rendering.survey import Survey
-from periscopy_sim.storage.formats.srgb import srgb_bytes
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage import outputs, rasters
+from periscopy_sim.view import Geometry
 
 NEAREST, CLAMP = 9728, 33071
 """GL's numbers for a texture that shows its pixels, and ends at its edges."""
@@ -60,7 +59,7 @@ def write_glb(
     motion = np.eye(4)
     motion[:3, :3] = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     world.apply_transform(motion)
-    with staged_file(path) as staged:
+    with outputs.staged_file(path) as staged:
         staged.write_bytes(export_glb(world, tree_postprocessor=_show_pixels))
 
 
@@ -78,7 +77,7 @@ def _shining(surface: Surface, image: Image, name: str) -> Any:
     above, beneath = numbers[:-1], numbers[1:]
     a, b, c, d = (e.ravel() for e in (above[:, :-1], beneath[:, :-1], beneath[:, 1:], above[:, 1:]))
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    texture = Pillow.fromarray(srgb_bytes(image))
+    texture = Pillow.fromarray(rasters.srgb_bytes(image))
     # Black metal reflects the light of no lamp.
     material = _material(
         name, emissiveTexture=texture, emissiveFactor=[1, 1, 1], metallicFactor=1.0

@@ -10,13 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.numerics.limits import size_of
-from periscopy_sim.numerics.validation import plain_array
+from periscopy_sim.numerics.validation import plain_array, size_of
 from periscopy_sim.photograph import Photograph, blackened, with_channels
-from periscopy_sim.storage.formats.decoding import LINEAR, Picture
-from periscopy_sim.storage.formats.srgb import srgb_bytes, srgb_light
-from periscopy_sim.storage.formats.table import decode_picture
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.storage import formats, outputs
+from periscopy_sim.storage.rasters import LINEAR, Picture, srgb_bytes, srgb_light
 
 
 def read_hidden_image(path: str | Path | ArrayLike, shape: Any) -> NDArray[np.float64]:
@@ -47,7 +44,7 @@ def read_hidden_image(path: str | Path | ArrayLike, shape: Any) -> NDArray[np.fl
         If the file is missing, damaged, of another format, or has negative or non-finite values.
     """
     if isinstance(path, str | Path):
-        name, picture = str(path), decode_picture(Path(path), "hidden")
+        name, picture = str(path), formats.decode_picture(Path(path), "hidden")
     else:
         name = "the hidden image"
         picture = Picture(plain_array(path, name))
@@ -97,7 +94,7 @@ def write_png(
     if image.ndim != 3 or image.shape[2] != 3 or np.isnan(image).any():
         raise ValueError(f"image: expected (rows, columns, 3) without NaN, got {image.shape}")
     pixels = srgb_bytes(image).repeat(factor, axis=0).repeat(factor, axis=1)
-    with staged_file(path) as staged:
+    with outputs.staged_file(path) as staged:
         staged.write_bytes(png_bytes(pixels, text))
 
 

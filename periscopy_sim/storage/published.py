@@ -14,15 +14,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean
-from periscopy_sim.extras import require
-from periscopy_sim.numerics.limits import check_budget
-from periscopy_sim.storage.formats.decoding import decoding
-from periscopy_sim.storage.formats.rasters import bayer_colours
-from periscopy_sim.storage.formats.srgb import srgb_decode
-from periscopy_sim.storage.outputs.places import user_cache
-from periscopy_sim.storage.outputs.staging import alone_in
-from periscopy_sim.storage.pictures import area_average
+from periscopy_sim.errors import PeriscopyError, PhotographError, did_you_mean, require
+from periscopy_sim.numerics.validation import check_budget
+from periscopy_sim.storage import outputs, pictures, places, rasters
 
 REPEATS = ("averaged_iterations", "iterations")
 """Fields for the number of exposures; the first takes precedence."""
@@ -113,10 +107,10 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
         guess = did_you_mean(name, sets)
         raise PeriscopyError(f"no set '{name}'; {guess or 'name one of ' + ', '.join(sets)}")
     url, files = sets[name].url, sets[name].files
-    root = user_cache()
+    root = places.user_cache()
     pooch.get_logger().setLevel("WARNING")  # `progress` reports
     cache = pooch.create(root / _collection(name), url, registry=dict(files), retry_if_failed=1)
-    with alone_in(root):
+    with outputs.alone_in(root):
         for number, file in enumerate(files):
             if progress is not None:
                 progress(number, len(files))
@@ -147,7 +141,9 @@ def read_capture(path: Path) -> dict[str, NDArray[np.float64]]:
     or of another layout is a `PhotographError`.
     """
     fields = capture_fields(path)
-    light = area_average(bayer_colours(fields["image"]), FILM) / capture_exposure(fields, path)
+    light = pictures.area_average(rasters.bayer_colours(fields["image"]), FILM) / capture_exposure(
+        fields, path
+    )
     hidden = capture_truth(fields, path)
     return {"photograph": light} | ({} if hidden is None else {"hidden": hidden})
 
@@ -161,7 +157,7 @@ def read_colours(paths: Sequence[Path]) -> NDArray[np.float64]:
     """
     h5py, channels = require("h5py"), list[NDArray[np.float64]]()
     for path in paths:
-        with decoding(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
+        with rasters.decoding(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
             link = file.get("im", getlink=True)
             field = file["im"] if isinstance(link, h5py.HardLink) else None
             if not isinstance(field, h5py.Dataset) or field.external or field.is_virtual:
@@ -187,7 +183,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[np.float64]]:
     """
     from scipy.io import loadmat, whosmat
 
-    with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
+    with rasters.decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
         names = []
         for name, shape, kind in whosmat(stream):
             check_budget(shape, path)
@@ -210,7 +206,7 @@ def capture_fields(path: Path) -> dict[str, NDArray[Any]]:
     from scipy.io import loadmat, whosmat
 
     names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
-    with decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
+    with rasters.decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
         for _, shape, _ in whosmat(stream):
             check_budget(shape, path)
         fields = loadmat(stream, variable_names=names)
@@ -247,4 +243,4 @@ def capture_truth(fields: Mapping[str, NDArray[Any]], path: Path) -> NDArray[np.
     if not sent.any():
         return None
     whole = values.dtype.kind in "ui" or sent.max() > 1
-    return np.asarray(srgb_decode(sent / 255 if whole else sent))
+    return np.asarray(rasters.srgb_decode(sent / 255 if whole else sent))

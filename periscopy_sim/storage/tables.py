@@ -5,15 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from periscopy_sim.errors import PhotographError
-from periscopy_sim.extras import require_all
-from periscopy_sim.numerics import Array
-from periscopy_sim.numerics.limits import read_json, read_regular
+from periscopy_sim.errors import PhotographError, require_all
+from periscopy_sim.numerics import Array, validation
 from periscopy_sim.photograph import ColourMatrix
-from periscopy_sim.photographs.marks import WallPoints, WallTags
-from periscopy_sim.storage.formats.decoding import decoding
-from periscopy_sim.storage.formats.rasters import RAW_SUFFIXES, raw_colours
-from periscopy_sim.storage.formats.table import format_of, libraries_of
+from periscopy_sim.photographs.wall_view import WallPoints, WallTags
+from periscopy_sim.storage import formats, rasters
 
 
 def read_colour_matrix(path: str | Path) -> ColourMatrix:
@@ -32,16 +28,18 @@ def read_colour_matrix(path: str | Path) -> ColourMatrix:
         If the file is missing, of another form, or holds no `ColourMatrix`.
     """
     path = Path(path)
-    require_all(*libraries_of([path]))
-    with decoding(
+    require_all(*formats.libraries_of([path]))
+    with rasters.decoding(
         path, "a colour matrix", "give a row for each channel of the camera as NPY, JSON or CSV"
     ):
-        if path.suffix.lower() in RAW_SUFFIXES and format_of(path).is_raw:
-            return ColourMatrix(raw_colours(path))
+        if path.suffix.lower() in rasters.RAW_SUFFIXES and formats.format_of(path).is_raw:
+            return ColourMatrix(rasters.raw_colours(path))
         if path.suffix == ".npy":
-            return ColourMatrix(np.load(io.BytesIO(read_regular(path)), allow_pickle=False))
+            return ColourMatrix(
+                np.load(io.BytesIO(validation.read_regular(path)), allow_pickle=False)
+            )
         if path.suffix == ".json":
-            rows = read_json(path)
+            rows = validation.read_json(path)
             return ColourMatrix(np.array(rows["colour_matrix"] if isinstance(rows, dict) else rows))
         return ColourMatrix(np.loadtxt(_lines(path), delimiter=",", ndmin=2))
 
@@ -70,7 +68,7 @@ def read_wall_tags(path: str | Path) -> WallTags:
 
 def _columns(path: str | Path, names: tuple[str, ...]) -> Array:
     """Return the numbers of named columns, (rows, columns)."""
-    with decoding(path, "CSV", f"write {','.join(names)}, then a line of numbers a mark"):
+    with rasters.decoding(path, "CSV", f"write {','.join(names)}, then a line of numbers a mark"):
         table = np.genfromtxt(
             _lines(Path(path)), delimiter=",", names=True, case_sensitive="lower", ndmin=1
         )
@@ -84,4 +82,4 @@ def _columns(path: str | Path, names: tuple[str, ...]) -> Array:
 
 def _lines(path: Path) -> list[str]:
     """Return the lines of a text file, of no more than the megabyte that NumPy reads in 2 s."""
-    return read_regular(path, 1 << 20).decode("utf-8-sig").splitlines()
+    return validation.read_regular(path, 1 << 20).decode("utf-8-sig").splitlines()

@@ -15,22 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.geometry import Geometry
-from periscopy_sim.numerics.limits import read_json
-from periscopy_sim.numerics.words import bounces_in_words
+from periscopy_sim.numerics.validation import bounces_in_words, read_json
 from periscopy_sim.photograph import check_real
-from periscopy_sim.rendering.transport.bounced import (
-    DIRECT,
-    BouncedLight,
-    BouncedTransport,
-    channels_mean,
-)
-from periscopy_sim.storage.formats.arrays import mapped_stack, npz_array
-from periscopy_sim.storage.formats.decoding import decoding
-from periscopy_sim.storage.formats.table import format_of
-from periscopy_sim.storage.outputs.provenance import scene_sha256
-from periscopy_sim.storage.outputs.resume import first_difference
-from periscopy_sim.storage.outputs.staging import staged_file
+from periscopy_sim.rendering.bounced import DIRECT, BouncedLight, BouncedTransport, channels_mean
+from periscopy_sim.storage import formats, outputs, provenance, rasters
+from periscopy_sim.view import Geometry
 
 Transport = NDArray[np.float32] | BouncedTransport
 """A, (M, N): an array of direct light, or the matrices of all channels with light that bounces."""
@@ -49,7 +38,7 @@ def read_record(path: Path) -> dict[str, Any]:
     file = path.with_suffix(".json")
     if not file.is_file():
         return {}
-    with decoding(file, "JSON", AGAIN):
+    with rasters.decoding(file, "JSON", AGAIN):
         return dict(read_json(file))
 
 
@@ -68,7 +57,7 @@ def transport_writer(path: Path, bounces: int | None) -> Iterator[Write]:
     beside = [path.with_suffix(".json"), *([] if bounces == DIRECT else [bounced_of(path)])]
     with ExitStack() as stack:
         staged, staged_record, *staged_bounced = (
-            stack.enter_context(staged_file(file)) for file in (path, *beside)
+            stack.enter_context(outputs.staged_file(file)) for file in (path, *beside)
         )
 
         def write(A: Transport, record: Mapping[str, Any]) -> list[Path]:
@@ -110,7 +99,7 @@ def read_transport(path: Path, scenario: Geometry, bounces: int | None = DIRECT)
     if record or bounces != DIRECT or bounced.is_file():
         record = {"bounces": "direct", **record}
         settings = {
-            "scene_sha256": scene_sha256(scenario.document),
+            "scene_sha256": provenance.scene_sha256(scenario.document),
             "parameters": dict(scenario.parameters),
             "hidden_shape": scenario.hidden.unwrapped(scenario.hidden.shapes),
             "bounces": bounces_in_words(bounces),
@@ -125,8 +114,8 @@ def read_transport(path: Path, scenario: Geometry, bounces: int | None = DIRECT)
         return A
     digests, light = {"matrix_sha256": _sha256(A)}, None
     if bounces != DIRECT:
-        over_wall, of_patches, error = (npz_array(bounced, key=name) for name in BOUNCED)
-        with decoding(bounced, "NPZ", AGAIN):
+        over_wall, of_patches, error = (formats.npz_array(bounced, key=name) for name in BOUNCED)
+        with rasters.decoding(bounced, "NPZ", AGAIN):
             light = BouncedLight(over_wall, of_patches, float(error))
         digests["bounced_sha256"] = _sha256(light.over_wall, light.of_patches)
     _check(path, record, digests)
@@ -135,7 +124,9 @@ def read_transport(path: Path, scenario: Geometry, bounces: int | None = DIRECT)
 
 def _check(path: Path, record: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     """Raise a PhotographError for the first entry in which a record differs."""
-    if difference := first_difference({name: record.get(name) for name in wanted}, wanted):
+    if difference := provenance.first_difference(
+        {name: record.get(name) for name in wanted}, wanted
+    ):
         raise PhotographError(
             f"{path}: was made from another scene or light ({difference}); pass its options, or "
             f"{AGAIN}"
@@ -144,9 +135,9 @@ def _check(path: Path, record: Mapping[str, Any], wanted: Mapping[str, Any]) -> 
 
 def _finite_matrix(path: Path) -> NDArray[Any]:
     """Return an NPY file of finite real numbers as a memory map."""
-    if format_of(path).name != "NPY":
+    if formats.format_of(path).name != "NPY":
         raise PhotographError(f"{path}: is no NPY file; save the matrix by numpy.save")
-    check_real((matrix := mapped_stack(path)).dtype, str(path))
+    check_real((matrix := formats.mapped_stack(path)).dtype, str(path))
     if not np.isfinite(matrix).all():
         raise PhotographError(f"{path}: holds NaN or infinities; {AGAIN}")
     return matrix

@@ -4,25 +4,12 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.analytic.area_transport import (
-    area_derivatives,
-    area_transport,
-    has_areas,
-)
+from periscopy_sim.analytic.area_transport import area_derivatives, area_transport, has_areas
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.scene import EmissionProfile, Occluder
 from periscopy_sim.testing import derivative_test
-from tests.scenes.boxes import (
-    LAMBERTIAN,
-    LCD,
-    Box,
-    changed,
-    make_scenario,
-    merged,
-    oracle,
-    welded,
-)
+from tests.scenes.boxes import LAMBERTIAN, LCD, Box, changed, make_scenario, merged, oracle, welded
 
 PLATE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 TWO_TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])

@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.analytic.border_motion import NUMBERS, light_derivatives, light_gradient
-from periscopy_sim.analytic.outline import borders_of
-from periscopy_sim.analytic.patch_light import Lighting, add_light, light_rows
+from periscopy_sim.analytic.patch_light import (
+    NUMBERS,
+    Lighting,
+    add_light,
+    borders_of,
+    light_derivatives,
+    light_gradient,
+    light_rows,
+)
 from periscopy_sim.testing import derivative_test
 from tests.scenes.boxes import Box
 

@@ -4,8 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from periscopy_sim.analytic.outline import SHEAR, cut_by_cells, outline_of
-from periscopy_sim.analytic.patch_light import shadow_within
+from periscopy_sim.analytic.patch_light import SHEAR, cut_by_cells, outline_of, shadow_within
 
 SHAPE = np.array([5, 6])
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])

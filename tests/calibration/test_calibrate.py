@@ -11,7 +11,7 @@ from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.result import ParameterSource
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.laboratory.document import EXAMPLE
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.shipped import find_scene

@@ -6,7 +6,7 @@ import pytest
 
 from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy, write_document
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import load_scenario
 from periscopy_sim.scene import SceneDocument
 from periscopy_sim.shipped import find_scene

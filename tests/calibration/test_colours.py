@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.colours import MEANS, VARIANCES, row_priors
+from periscopy_sim.calibration.prior import MEANS, VARIANCES, row_priors
 from tests.scenes.calibration import calibration
 
 XYZ = np.array([[0.4125, 0.3576, 0.1804], [0.2127, 0.7152, 0.0722], [0.0193, 0.1192, 0.9502]])

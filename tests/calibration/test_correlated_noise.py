@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.correlated_noise import CorrelatedNoise
+from periscopy_sim.calibration.evidence import CorrelatedNoise
 from periscopy_sim.numerics import Array
 
 PIXELS = np.ones((40, 50), bool)

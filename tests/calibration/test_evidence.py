@@ -7,12 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
-from periscopy_sim.calibration.evidence import (
-    FLAT,
-    SmoothExplanation,
-    SmoothImages,
-    smoothness,
-)
+from periscopy_sim.calibration.evidence import FLAT, SmoothExplanation, SmoothImages, smoothness
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.testing import derivative_test
 from tests.scenes.surfaces import alone, screen_and_column

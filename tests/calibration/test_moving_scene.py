@@ -7,7 +7,7 @@ import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.rendering.scene.load import load_scene
+from periscopy_sim.rendering.load import load_scene
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.testing import derivative_test
 from periscopy_sim.view import View

@@ -5,14 +5,14 @@ import pytest
 
 from periscopy_sim.calibration.prior import (
     Free,
+    SceneCovariance,
     declared_errors,
     free_parameters,
     start_values,
     uncertain_parameters,
 )
-from periscopy_sim.calibration.scene_covariance import SceneCovariance
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scene import CALIBRATED, SceneDocument
 from periscopy_sim.shipped import find_scene
 

@@ -5,11 +5,16 @@ import numpy as np
 import pytest
 
 from periscopy_sim.calibration.calibrated_scene import write_copy
-from periscopy_sim.calibration.prior import UncertainParameters, ruled_values, start_values
+from periscopy_sim.calibration.prior import (
+    SceneCovariance,
+    UncertainParameters,
+    ruled_values,
+    scene_covariance,
+    start_values,
+)
 from periscopy_sim.calibration.result import Parameter
-from periscopy_sim.calibration.scene_covariance import SceneCovariance, scene_covariance
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.shipped import find_scene
 from tests.scenes.calibration import calibration

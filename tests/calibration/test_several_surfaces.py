@@ -7,10 +7,10 @@ import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.calibration.problem import shown_light
-from periscopy_sim.calibration.silhouette.recover import recover_silhouette
+from periscopy_sim.calibration.silhouette import recover_silhouette
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.validation import InputError
-from periscopy_sim.rendering.scene.load import load_scene
+from periscopy_sim.rendering.load import load_scene
 from tests.scenes.calibration import AMBIENT, SIDE
 from tests.scenes.room import Room
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from periscopy_sim.calibration.evidence import smoothness
-from periscopy_sim.calibration.sharp_images import SharpImages
+from periscopy_sim.calibration.evidence import SharpImages, smoothness
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.testing import derivative_test
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.calibration.scene_covariance import SceneCovariance
+from periscopy_sim.calibration.prior import SceneCovariance
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import Scenario
 

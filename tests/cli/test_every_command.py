@@ -13,11 +13,10 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.cli import MODULES
-from periscopy_sim.evaluation.sweep import Sweep, run_sweep
-from periscopy_sim.evaluation.world import World
+from periscopy_sim.evaluation.sweep import Sweep, World, run_sweep
 from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.variant import LLVM_FILE, OVERRIDE, own_llvm
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.rasters import write_exr
 
 PLATE = "plate -D resolution=16"
 SIZED = f"{PLATE} --hidden 3x4"

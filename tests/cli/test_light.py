@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.light import LightOptions
-from periscopy_sim.cli.options import Model
+from periscopy_sim.cli.options import LightOptions, Model
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.memo import Memo
-from periscopy_sim.rendering.transport import bounced
-from periscopy_sim.rendering.transport import plan as planning
+from periscopy_sim.rendering import bounced
+from periscopy_sim.rendering import transport as planning
 from periscopy_sim.storage.transport_matrix import read_transport
 
 pytestmark = pytest.mark.usefixtures("jit")

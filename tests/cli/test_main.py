@@ -92,7 +92,7 @@ def test_error_of_numpy_is_no_mistake_of_the_user(monkeypatch, periscopy, tmp_pa
     assert (ended.code, ended.out, ended.err.count("\n")) == (1, "", 1)
     (trace,) = tmp_path.glob("*.txt")
     assert str(trace) in ended.err and "periscopy doctor" in ended.err
-    assert "preconditioner.py" in trace.read_text() and not Path("out").exists()
+    assert "preconditioned.py" in trace.read_text() and not Path("out").exists()
 
 
 def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):

@@ -10,7 +10,6 @@ import typer
 from rich.markup import render
 
 from periscopy_sim.cli import MODULES, app
-from periscopy_sim.cli.commands import with_options_of_groups
 from periscopy_sim.cli.options import (
     FOR_VIDEOS,
     OptionGroup,
@@ -20,11 +19,12 @@ from periscopy_sim.cli.options import (
     parse_list,
     parse_ranges,
     settings_for,
+    with_options_of_groups,
 )
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.numerics.limits import size_of
+from periscopy_sim.numerics.validation import size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.shipped import find_scene
 
 

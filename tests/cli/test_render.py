@@ -6,7 +6,7 @@ import pytest
 
 from periscopy_sim.measurement import composite
 from periscopy_sim.shipped import find_scene
-from periscopy_sim.storage.formats.exr import read_exr
+from periscopy_sim.storage.rasters import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
 
@@ -105,7 +105,7 @@ def test_light_is_rendered_once_and_kept_with_its_error(succeeds, monkeypatch, t
     assert (held["ambient"], held["seed"], held["target"]) == ("overcast", "5", "0.01")
     assert held["scene"].endswith("chair.xml") and "12" in held["parameters"]
     assert {"variant", "mitsuba", "scene_sha256", "ambient_sha256"} <= held.keys()
-    render = "periscopy_sim.rendering.ambient.background.render_background"
+    render = "periscopy_sim.rendering.ambient.render_background"
     monkeypatch.setattr(render, lambda *_, **__: pytest.fail("rendered again"))
     before = file.read_bytes()
     assert succeeds(*SKY, "--seed", "5", "--out", "new/out") == shown

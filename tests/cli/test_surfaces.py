@@ -8,10 +8,10 @@ import pytest
 import xarray as xr
 
 import periscopy_sim as ps
-from periscopy_sim.cli.laboratory.view import write_view
+from periscopy_sim.cli.laboratory import write_view
 from periscopy_sim.cli.session import Session
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.rasters import write_exr
 from tests.scenes.cards import HIDDEN, SIZES, write_cards
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")

@@ -8,7 +8,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages
-from periscopy_sim.storage.formats.exr import read_exr
+from periscopy_sim.storage.rasters import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 import periscopy_sim as ps
-from periscopy_sim.reconstruction.preconditioned.video import Video
+from periscopy_sim.reconstruction.preconditioned import Video
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 

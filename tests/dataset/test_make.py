@@ -9,7 +9,7 @@ import periscopy_sim as ps
 from periscopy_sim.dataset import make as making
 from periscopy_sim.dataset.make import make_dataset
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.rendering.ambient import background as ambient
+from periscopy_sim.rendering import ambient as ambient
 from periscopy_sim.shipped import find_scene
 from tests.scenes.contents import contents
 

@@ -37,7 +37,7 @@ def test_variables_have_labelled_dimensions_units_and_provenance(whole):
 @pytest.mark.thorough
 def test_light_that_bounces_adds_its_error_to_the_samples(configured, whole, tmp_path, monkeypatch):
     """One round of paths tells little of it."""
-    monkeypatch.setattr("periscopy_sim.rendering.transport.bounced.ROUNDS", 1)
+    monkeypatch.setattr("periscopy_sim.rendering.bounced.ROUNDS", 1)
     scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
     light, path = {"kind": "bounced"}, tmp_path / "bounced.zarr"
     with pytest.warns(RuntimeWarning, match="'bright_room': light that bounces"):

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.dataset.distributions import Distribution
+from periscopy_sim.dataset.configuration import Distribution
 from periscopy_sim.dataset.samples import draw_clip, lamp_light, make_samples, render_geometry
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.rendering.transport import bounced
-from periscopy_sim.rendering.transport.plan import SMALL, planned
+from periscopy_sim.rendering import bounced
+from periscopy_sim.rendering.transport import SMALL, planned
 
 INTERVAL = 4.9
 """Standard deviations that one of 10⁶ normal draws exceeds."""

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.evaluation.diagnostics import condition_number, diagnose, residual_background
+from periscopy_sim.evaluation.design import condition_number, diagnose, residual_background
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.preconditioned.preconditioner import form_preconditioner
+from periscopy_sim.reconstruction.preconditioned import form_preconditioner
 from tests.scenes.penumbrae import kept_basis
 
 FILM = (12, 10)

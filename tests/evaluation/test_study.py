@@ -5,7 +5,7 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import OutputError, PeriscopyError
-from periscopy_sim.storage.formats.exr import write_exr
+from periscopy_sim.storage.rasters import write_exr
 
 pytest.importorskip("xarray")
 

@@ -10,12 +10,11 @@ import xarray as xr
 from scipy import ndimage
 
 from periscopy_sim.errors import OutputError, PeriscopyError, SceneError
-from periscopy_sim.evaluation.sweep import Sweep, cell_seconds, run_sweep
+from periscopy_sim.evaluation.sweep import Sweep, World, cell_seconds, flips, run_sweep
 from periscopy_sim.evaluation.sweep_store import SweepStore
-from periscopy_sim.evaluation.world import World, flips
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.preconditioned.still import Periscope
+from periscopy_sim.reconstruction.preconditioned import Periscope
 from tests.scenes.contents import contents
 
 RNG = np.random.default_rng(5)

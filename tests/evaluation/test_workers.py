@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
-from periscopy_sim.storage.outputs.places import place
+from periscopy_sim.storage.places import place
 
 
 def test_scheduler_that_does_not_answer_is_one_line(capfd):

@@ -12,7 +12,7 @@ from periscopy_sim.figures.animation import (
     require_encoder,
     side_by_side,
 )
-from periscopy_sim.storage.formats.srgb import srgb_bytes
+from periscopy_sim.storage.rasters import srgb_bytes
 from tests.scenes.pictures import box, covers
 
 METADATA = {"command": "periscopy video λ", "seed": "3"}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from periscopy_sim.calibration.masks import MaskPlane
 from periscopy_sim.calibration.result import Calibration, Parameter, ParameterSource, Rival
-from periscopy_sim.calibration.silhouette.plane import MaskPlane
-from periscopy_sim.calibration.silhouette.result import Silhouette
+from periscopy_sim.calibration.silhouette import Silhouette
 from periscopy_sim.cli.calibrate import show_calibration
 from periscopy_sim.cli.output import outcome, outcome_of
 from periscopy_sim.figures.calibration import draw_calibration, draw_silhouette

@@ -8,7 +8,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.storage.rasters import srgb_decode
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ from contextlib import ExitStack
 import pytest
 
 from experiments.benchmarks import live
-from periscopy_sim.live.movable import find_movables
+from periscopy_sim.live.looks import find_movables
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.live.session import LiveSession
 from periscopy_sim.scenario import load_scenario

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from periscopy_sim.cli.laboratory.watch import EXAMPLE
+from periscopy_sim.cli.laboratory import EXAMPLE
 from periscopy_sim.live.frames import open_source
 
 PAGE = (Path(__file__).parents[2] / "docs" / "watch.md").read_text("utf-8")

@@ -43,7 +43,7 @@ def test_photograph_is_what_its_model_says(level, choice):
 def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
     choice, monkeypatch, tmp_path
 ):
-    from periscopy_sim.rendering.transport import plan
+    from periscopy_sim.rendering import transport
 
     parts = Room(tmp_path)
     sphere = parts.write(parts.blocker())  # has no closed form
@@ -51,7 +51,7 @@ def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
     laboratory = SizedLaboratory(room, is_coarse=False)
     pictures = laboratory.fit(replace(choice, values={})).pictures()
     assert not pictures.report.warnings
-    monkeypatch.setattr(plan, "BUDGET", 0)
+    monkeypatch.setattr(transport, "BUDGET", 0)
     report = laboratory.fit(replace(choice, values={}, snr=80.0)).pictures().report
     (warning,) = report.warnings
     assert warning.code == "transport_error"

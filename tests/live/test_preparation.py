@@ -5,12 +5,11 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.live import preparation
-from periscopy_sim.live.frames import CameraFrame, light_of_codes
-from periscopy_sim.live.preparation import TAKEN, Companions, RunningAverage
+from periscopy_sim.live import frames as preparation
+from periscopy_sim.live.frames import TAKEN, CameraFrame, Companions, RunningAverage, light_of_codes
 from periscopy_sim.photographs.develop import SensorImage, sensor_image
 from periscopy_sim.scenario import load_scenario
-from periscopy_sim.storage.formats.srgb import srgb_light
+from periscopy_sim.storage.rasters import srgb_light
 
 RNG = np.random.default_rng(4)
 CODES = RNG.normal(120, 3, (96, 96, 3)).clip(0, 254).astype(np.uint8)

@@ -10,13 +10,12 @@ import pytest
 import periscopy_sim as ps
 from experiments.benchmarks import live
 from periscopy_sim.errors import PeriscopyError, PhotographError
-from periscopy_sim.live import preparation
+from periscopy_sim.live import frames as preparation
 from periscopy_sim.live import watch as live_watch
-from periscopy_sim.live.frames import open_source
-from periscopy_sim.live.preparation import TAKEN, Companions
+from periscopy_sim.live.frames import TAKEN, Companions, open_source
 from periscopy_sim.live.watch import WatchSession
 from periscopy_sim.photographs import prepare
-from periscopy_sim.photographs.marks import WallTags
+from periscopy_sim.photographs.wall_view import WallTags
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.scenario import load_scenario
 

@@ -7,9 +7,9 @@ from periscopy_sim.hidden import Hidden
 from periscopy_sim.methods import fit_method
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.baselines.truncated_svd import TruncatedSVD
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
-from periscopy_sim.reconstruction.preconditioned.still import Periscope
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.preconditioned import Periscope
+from periscopy_sim.reconstruction.truncated_svd import TruncatedSVD
 
 PHOTOGRAPH, HIDDEN = (20, 24), (3, 4)
 M, N = 480, 12

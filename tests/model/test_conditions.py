@@ -4,7 +4,7 @@ import pytest
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 
 PHOTOGRAPH, HIDDEN = (14, 9), (3, 4)
 M, N = 126, 12

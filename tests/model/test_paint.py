@@ -8,7 +8,7 @@ from periscopy_sim.model import paint
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.paint import Paint
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 
 PHOTOGRAPH, HIDDEN = (30, 36), (3, 4)
 M, N = 1080, 12

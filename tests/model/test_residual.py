@@ -8,9 +8,9 @@ from scipy import ndimage
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.residual import quick_residual, residual_of
-from periscopy_sim.numerics.words import percentages
+from periscopy_sim.numerics.validation import percentages
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS
 
 SHAPE, HIDDEN = (40, 44), (4, 5)

@@ -17,7 +17,7 @@ from periscopy_sim.model.uncertainty import (
 )
 from periscopy_sim.model.uncertainty import standard_errors as standard_errors_of_vectors
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from tests.scenes.surfaces import alone, screen_and_column
 
 RNG = np.random.default_rng(0)

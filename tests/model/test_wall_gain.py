@@ -9,7 +9,7 @@ from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit, FittedPhotograph
 from periscopy_sim.model.wall_gain import WallGain, largest_errors
 from periscopy_sim.photograph import Photograph
-from periscopy_sim.reconstruction.noise_aware.noise_aware import NoiseAware
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from tests.scenes.two_walls import write_two_walls
 
 HIDDEN = (4, 5)

@@ -2,15 +2,27 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numba.core import caching
 
 from periscopy_sim.numerics import products
 from periscopy_sim.numerics.products import (
     combine_rows,
+    compiled,
     filter_rows,
     project_out,
     subtract_combinations,
     times_rows,
 )
+
+
+def mean(values):
+    return values.sum() / values.size
+
+
+def test_a_read_only_home_costs_the_cache_alone(monkeypatch):
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    assert compiled(mean)(np.arange(5.0)) == 2
+
 
 PRECISION = {np.float32: 1e-6, np.float64: 1e-14}
 MIXED = np.float64, np.float32

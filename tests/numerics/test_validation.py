@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.evaluation.sweep import Sweep, run_sweep
-from periscopy_sim.evaluation.world import World
+from periscopy_sim.evaluation.sweep import Sweep, World, run_sweep
 
 IMAGE, WALL = np.ones((3, 4, 3)), np.ones((16, 16, 3))
 

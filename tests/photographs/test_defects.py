@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from periscopy_sim.measurement import Sensor
-from periscopy_sim.photographs import defects
-from periscopy_sim.photographs.defects import defective_pixels
-from periscopy_sim.storage.formats.srgb import srgb_decode
+from periscopy_sim.photographs import develop
+from periscopy_sim.photographs.develop import defective_pixels
+from periscopy_sim.storage.rasters import srgb_decode
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "chair_mushroom.npz"
 ROWS, COLUMNS = 90, 110
@@ -85,7 +85,7 @@ def test_gaussian_noise_is_called_hot_no_more_often_than_stated(monkeypatch):
     noise = np.random.default_rng(1).normal(0, 1, (300, 300, 3))
     tail = erfc(3 / sqrt(2)) / 2
     assert counts(noise) == counts(100 + 0.1 * noise) == [0, 0, 0]
-    monkeypatch.setattr(defects, "THRESHOLD", 3.0)
+    monkeypatch.setattr(develop, "THRESHOLD", 3.0)
     single = [defective_pixels(channel).hot.sum() for channel in np.moveaxis(noise, 2, 0)]
     assert 0.4 * noise.size * tail < sum(single) < noise.size * tail + 5 * sqrt(noise.size * tail)
 
@@ -239,5 +239,5 @@ def test_some_of_the_pixels_show_the_noise_of_all(monkeypatch):
     hot, dead = photograph("slope", 0.03), planted(0.0)
     hot[tuple(np.transpose(PLACES))] *= 3
     whole = [counts(y) for y in (hot, dead)]
-    monkeypatch.setattr(defects, "NOISE_PIXELS", 1000)
+    monkeypatch.setattr(develop, "NOISE_PIXELS", 1000)
     assert [counts(y) for y in (hot, dead)] == whole == [[0, 0, 6], [0, 6, 0]]

@@ -3,10 +3,8 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.photographs.develop import sensor_image
-from periscopy_sim.photographs.marks import Marks, WallPoints
 from periscopy_sim.photographs.prepare import PAPER_SIDE, PlacedFilm, place_film
-from periscopy_sim.photographs.view_fit import fit_view
-from periscopy_sim.photographs.wall_view import wall_plane
+from periscopy_sim.photographs.wall_view import Marks, WallPoints, fit_view, wall_plane
 
 SIDE, MARGIN = 6, np.array([10.0, 4.0])  # of a pixel of the film; to the left and above the film
 SIZE = (24 * SIDE + 8, 24 * SIDE + 20)

@@ -9,11 +9,9 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.photographs.develop import sensor_image
-from periscopy_sim.photographs.marks import Marks, WallPoints
 from periscopy_sim.photographs.prepare import prepare
 from periscopy_sim.photographs.resampling import Flaw
-from periscopy_sim.photographs.view_fit import fit_view
-from periscopy_sim.photographs.wall_view import wall_plane
+from periscopy_sim.photographs.wall_view import Marks, WallPoints, fit_view, wall_plane
 from periscopy_sim.rendering.variant import use_variant
 
 WALL = np.array([0.1, 1.0, 0.3])  # its middle; it faces the camera at smaller y

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.marks import find_tags
-from periscopy_sim.photographs.wall_view import project
+from periscopy_sim.photographs.wall_view import find_tags, project
 
 cv2 = pytest.importorskip("cv2")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.reconstruction.total_variation.prox import solve_total_variation
+from periscopy_sim.reconstruction.total_variation import solve_total_variation
 
 
 @pytest.fixture(scope="session")

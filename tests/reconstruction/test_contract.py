@@ -15,9 +15,8 @@ from scipy import sparse
 from scipy.sparse.linalg import aslinearoperator
 
 from periscopy_sim.photograph import ColourMatrix, Photograph
-from periscopy_sim.reconstruction.method import StillMethod
+from periscopy_sim.reconstruction.method import FrameByFrame, StillMethod
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, MethodEntry, Option
-from periscopy_sim.reconstruction.video_method import FrameByFrame
 from tests.scenes.blocks import Blocks
 
 SHAPE, HIDDEN = (14, 15), (4, 5)
@@ -115,7 +114,7 @@ def test_options_reach_their_parameters_from_the_least_to_the_most(name):
 
 def test_a_new_method_is_one_entry():
     option = Option("fraction", 0.4, "Part of the singular values that are kept.", 0.01, 1)
-    entry = MethodEntry("mine", "mine", "baselines.truncated_svd:TruncatedSVD", (option,))
+    entry = MethodEntry("mine", "mine", "truncated_svd:TruncatedSVD", (option,))
     assert entry(Scene(), A, B, fraction=0.5).fraction == 0.5
     assert fitted("differencing-published").stop == "published" != fitted("differencing").stop
 

@@ -8,6 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering.bounced import BouncedTransport, render_bounced_light
+from periscopy_sim.rendering.nodes import SceneNodes
+from periscopy_sim.rendering.photograph import render_photograph
+from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.rendering.variant import OVERRIDE, mi, use_variant
 from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.shipped import find_scene
@@ -104,3 +109,60 @@ def scalar(tmp_path: Path) -> Callable[..., str]:
         return done.stdout
 
     return run
+
+
+BY_BSDF = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
+
+SEEDS = 8
+
+
+@pytest.fixture(scope="session")
+def refusal():
+    """Return the message, of one line that names the file, by which a scene is refused."""
+
+    def refuse(path, *arguments, **options):
+        with pytest.raises(SceneError) as caught:
+            SceneNodes(path, *arguments, **options).instantiate()
+        message = str(caught.value)
+        assert "\n" not in message
+        assert f"'{path}'" in message
+        return message
+
+    return refuse
+
+
+@pytest.fixture
+def is_right(room, same_mean, mitsubas):
+    """Assert that A of a white monitor is the file's photograph, sampled as `truth` says."""
+
+    def check(*extra, samples=16, across=4, truth=BY_BSDF, **parts):
+        parts = {"monitor": room.monitor(room.area)} | parts
+        seen = room.load(*extra, **parts)
+        seen = seen.averaged(across)
+        found = [render_transport(seen, samples=samples, seed=s).sum(axis=1) for s in range(SEEDS)]
+        gain = seen.channel_gain.mean()
+        pictures = mitsubas(room.write(*extra, **parts), seeds=SEEDS, **truth)
+        same_mean([picture.ravel() / gain for picture in pictures], found)
+
+    return check
+
+
+@pytest.fixture
+def agrees(same_mean):
+    """Assert that A f is the path-traced photograph of a random f; return A f, (seeds, M, 3)."""
+
+    def check(seen, bounces=1, *, seeds=12, samples=256, target=2e-3):
+        image = np.random.default_rng(0).random((*seen.hidden_shape, 3))
+        predicted, traced = [], []
+        for seed in range(seeds):
+            A = render_transport(seen.averaged(4), samples=16, seed=seed)
+            if bounces != 1:
+                light = render_bounced_light(seen, bounces=bounces, target=target, seed=seed)
+                A = BouncedTransport(A + light.rows(slice(None)), light, bounces)
+            predicted.append((A @ image.reshape(-1, 3)) * seen.channel_gain)
+            options = {"samples": samples, "bounces": bounces, "seed": 1000 + seed}
+            traced.append(render_photograph(seen, image, **options))
+        same_mean(traced, predicted)
+        return np.array(predicted)
+
+    return check

@@ -6,8 +6,8 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.measurement import composite, composite_error
 from periscopy_sim.rendering import photograph
+from periscopy_sim.rendering.load import build_scene
 from periscopy_sim.rendering.photograph import path_trace, render_photograph, rendering_of
-from periscopy_sim.rendering.scene.load import build_scene
 from tests.scenes.materials import GLOSSY, checkered, diffuse, painted
 
 RATIO = 2.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.rendering import paths
-from periscopy_sim.rendering.ambient.irradiance import rows_of
+from periscopy_sim.rendering.ambient import rows_of
 from periscopy_sim.rendering.paths import DIMENSIONS, PathNumbers
 from periscopy_sim.rendering.variant import mi
 

@@ -3,8 +3,8 @@ import pytest
 
 from periscopy_sim.analytic.point_light import point_light_response
 from periscopy_sim.rendering import photograph
+from periscopy_sim.rendering.load import build_scene
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
-from periscopy_sim.rendering.scene.load import build_scene
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scenario import load_scenario
 from tests.scenes.lamps import scene_of

@@ -152,7 +152,7 @@ import sys
 import mitsuba as mi
 import periscopy_sim as ps
 from periscopy_sim.errors import VariantError
-from periscopy_sim.rendering.transport.shadow_rays import RenderedTransport
+from periscopy_sim.rendering.shadow_rays import RenderedTransport
 scene = ps.load_scenario(sys.argv[1], (1, 1))
 assert mi.variant() == "scalar_rgb" and ps.analytic_transport(scene).all()
 for render in (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from periscopy_sim.rendering.scene.nodes import SceneNodes
+from periscopy_sim.rendering.nodes import SceneNodes
 
 LIGHT = (
     '<emitter type="point"><point name="position" value="0.2, -0.5, 0.9"/>'

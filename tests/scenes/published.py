@@ -3,7 +3,7 @@
 import numpy as np
 import scipy.io
 
-from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.rasters import srgb_encode
 
 COUNTS = 200.0  # for each unit of exposure, of the brightest photograph
 

@@ -5,11 +5,10 @@ import pytest
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
-from periscopy_sim.calibration.silhouette.plane import MaskPlane
-from periscopy_sim.calibration.silhouette.result import Silhouette
-from periscopy_sim.calibration.silhouette.scene import write_masked_scene
+from periscopy_sim.calibration.masks import MaskPlane
+from periscopy_sim.calibration.silhouette import Silhouette, write_masked_scene
 from periscopy_sim.measurement import add_noise, composite
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import Scenario, load_scenario
 
 SCENE = """<scene version="3.0.0">

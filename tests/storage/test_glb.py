@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 import periscopy_sim as ps
-from periscopy_sim.storage.formats.srgb import srgb_bytes
 from periscopy_sim.storage.glb import write_glb
+from periscopy_sim.storage.rasters import srgb_bytes
 from tests.scenes.cards import SIZES, write_cards
 
 pytestmark = pytest.mark.usefixtures("jit")

@@ -8,8 +8,8 @@ import tifffile
 from PIL import Image
 
 from periscopy_sim.errors import OutputError, PhotographError
-from periscopy_sim.storage.formats.srgb import srgb_decode, srgb_encode
 from periscopy_sim.storage.pictures import area_average, read_hidden_image, write_png
+from periscopy_sim.storage.rasters import srgb_decode, srgb_encode
 
 RNG = np.random.default_rng(4)
 LIGHT = RNG.random((8, 6, 3))

@@ -14,7 +14,7 @@ import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage import published
-from periscopy_sim.storage.formats.srgb import srgb_encode
+from periscopy_sim.storage.rasters import srgb_encode
 from tests.scenes.contents import contents
 
 TRUTH = np.random.default_rng(0).uniform(0.1, 1, (29, 36, 3))

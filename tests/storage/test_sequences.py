@@ -9,8 +9,8 @@ import zarr
 from PIL import Image
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.storage.formats.exr import write_exr
-from periscopy_sim.storage.sequences import open_frames, read_clip, read_hidden_frames
+from periscopy_sim.storage.photographs import open_frames, read_clip, read_hidden_frames
+from periscopy_sim.storage.rasters import write_exr
 
 SHAPE = (6, 5)
 RNG = np.random.default_rng(17)

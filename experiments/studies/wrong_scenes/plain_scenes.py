@@ -13,7 +13,7 @@ from experiments.setting import kept
 from experiments.studies.wrong_scenes.subjects import SEED, Photographed, Subject
 from experiments.worlds.making import bitmap, renderings
 from periscopy_sim.numerics import Array
-from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256
+from periscopy_sim.storage.provenance import array_sha256, scene_sha256
 
 SCENES = Path(__file__).with_name("scenes")
 

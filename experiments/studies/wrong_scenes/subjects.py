@@ -21,10 +21,10 @@ from experiments.laboratories.making.laboratory import SCENES, SHELF
 from experiments.setting import kept
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.numerics import Array
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import Scenario
-from periscopy_sim.storage.outputs.provenance import array_sha256, scene_sha256
-from periscopy_sim.storage.outputs.staging import staged_folder
+from periscopy_sim.storage.outputs import staged_folder
+from periscopy_sim.storage.provenance import array_sha256, scene_sha256
 
 NAMES = "chair", "plate", "shelf", "sign"
 

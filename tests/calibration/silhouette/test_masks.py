@@ -7,7 +7,8 @@ import pytest
 from scipy import optimize, sparse
 
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.silhouette.mask import (
+from periscopy_sim.calibration.masks import (
+    CellShadows,
     Explained,
     Mask,
     known_pictures,
@@ -15,8 +16,7 @@ from periscopy_sim.calibration.silhouette.mask import (
     outline,
     usual_opacity,
 )
-from periscopy_sim.calibration.silhouette.shadows import CellShadows
-from periscopy_sim.calibration.silhouette.unknown import UnknownImage
+from periscopy_sim.calibration.silhouette import UnknownImage
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.testing import derivative_test
 from tests.scenes.silhouette import FLAG

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.silhouette.plane import MaskPlane
+from periscopy_sim.calibration.masks import MaskPlane
 from periscopy_sim.errors import SceneError
 from periscopy_sim.scenario import load_scenario
 from tests.scenes.silhouette import HIDDEN

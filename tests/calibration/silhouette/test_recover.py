@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.silhouette.recover import recover_silhouette
+from periscopy_sim.calibration.silhouette import recover_silhouette
 from periscopy_sim.errors import PhotographError, SceneError
 from tests.scenes.silhouette import FLAG, HIDDEN, photograph
 

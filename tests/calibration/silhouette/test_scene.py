@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.calibration.scene_covariance import scene_covariance
-from periscopy_sim.calibration.silhouette.plane import MaskPlane
-from periscopy_sim.calibration.silhouette.scene import cell_mesh, write_masked_scene
+from periscopy_sim.calibration.masks import MaskPlane
+from periscopy_sim.calibration.prior import scene_covariance
+from periscopy_sim.calibration.silhouette import cell_mesh, write_masked_scene
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import load_scenario
 from tests.scenes.silhouette import FLAG, HIDDEN, SCENE, silhouette
 

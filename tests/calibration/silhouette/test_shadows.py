@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.analytic.area_transport import area_transport
-from periscopy_sim.calibration.silhouette.shadows import CellShadows
+from periscopy_sim.calibration.masks import CellShadows
 from periscopy_sim.scenario import load_scenario
 from periscopy_sim.testing import adjoint_test
 from tests.scenes.silhouette import FLAG, HIDDEN

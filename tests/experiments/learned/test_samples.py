@@ -4,7 +4,7 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import declared_errors
 from periscopy_sim.evaluation.metrics import shifted
-from periscopy_sim.rendering.scene.document import read_document
+from periscopy_sim.rendering.scene_files import read_document
 
 pytest.importorskip("torch")
 pytestmark = pytest.mark.torch

@@ -7,14 +7,7 @@ from typer.testing import CliRunner
 
 from experiments.published import ambient, recovered, repeats, single_pixels, stills, video
 from experiments.published.__main__ import main
-from experiments.published.setting import (
-    AMBIENT,
-    CHAIR,
-    PLATE,
-    REPEATS,
-    VIDEOS,
-    PublishedSetting,
-)
+from experiments.published.setting import AMBIENT, CHAIR, PLATE, REPEATS, VIDEOS, PublishedSetting
 from experiments.report import Verdict
 from tests.scenes.published import LIT, NOISE, PAINT, SBRS
 

@@ -6,8 +6,8 @@ import trimesh
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.errors import ConfigurationError, OutputError
-from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.rendering.scene_files import read_document
+from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.scenario import load_scenario
 from tests.scenes.laboratory import (
     CAMERA,

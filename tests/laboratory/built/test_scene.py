@@ -6,9 +6,9 @@ import pytest
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.laboratory.build import build_laboratory
 from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
-from periscopy_sim.laboratory.scene_parts import corners_seen
-from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.laboratory.scene_text import corners_seen
+from periscopy_sim.rendering.scene_files import read_document
+from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.scenario import load_scenario
 from periscopy_sim.scene import EmissionProfile
 from periscopy_sim.shipped import find_scene

@@ -10,11 +10,10 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.laboratory.build import build_laboratory
 from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
-from periscopy_sim.laboratory.scene_parts import corners_seen
-from periscopy_sim.rendering.scene.document import read_document
-from periscopy_sim.rendering.scene.load import load_scene
-from periscopy_sim.rendering.scene.mesh_formats import read_mesh
-from periscopy_sim.rendering.transport.shadow_rays import render_transport
+from periscopy_sim.laboratory.scene_text import corners_seen
+from periscopy_sim.rendering.load import load_scene
+from periscopy_sim.rendering.scene_files import read_document, read_mesh
+from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import scenes_folder
 from tests.scenes.laboratory import CAMERA, MONITOR, WALL, corners_of, same_points, turned

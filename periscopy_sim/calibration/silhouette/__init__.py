@@ -1,1 +1,0 @@
-"""An occluder nobody measured: the silhouette of a flat mask, estimated with the hidden image."""

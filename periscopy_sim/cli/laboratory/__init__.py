@@ -1,1 +1,0 @@
-"""Commands that bring a laboratory into the package: its scene, its photographs."""

@@ -1,1 +1,0 @@
-"""Commands that study methods and scenes: sweeps and their figures, data sets, designs."""

@@ -1,1 +1,0 @@
-"""A laboratory drawn to scale, from a scene."""

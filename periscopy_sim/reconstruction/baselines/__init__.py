@@ -1,1 +1,0 @@
-"""The methods that the paper compares with: differencing [15] and a truncated SVD."""

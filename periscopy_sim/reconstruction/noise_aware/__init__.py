@@ -1,1 +1,0 @@
-"""Penalized likelihood: the hidden image that explains the photograph, given its own noise."""

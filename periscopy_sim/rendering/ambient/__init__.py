@@ -1,1 +1,0 @@
-"""Ambient light on the wall, in independent replicas that estimate its error."""

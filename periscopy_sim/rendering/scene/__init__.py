@@ -1,1 +1,0 @@
-"""Scene files: which files they name, their nodes, their meshes, loading them."""

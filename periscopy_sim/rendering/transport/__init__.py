@@ -1,1 +1,0 @@
-"""The light transport matrix A: by shadow rays, by columns, by blocks of rows."""

@@ -1,1 +1,0 @@
-"""File formats, each decoded without letting a damaged file surprise."""

@@ -1,1 +1,0 @@
-"""Outputs that are complete or absent, locked, resumed, and say where they come from."""

@@ -1,0 +1,170 @@
+"""Files that ask for more memory or time than there is: refused by their heads."""
+
+import io
+import json
+import os
+import struct
+import tracemalloc
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+import tifffile
+
+from periscopy_sim.dataset.configuration import load_configuration
+from periscopy_sim.errors import ConfigurationError, PhotographError
+from periscopy_sim.laboratory.document import load_laboratory
+from periscopy_sim.numerics.validation import read_json
+from periscopy_sim.rendering.scene_files import read_mesh
+from periscopy_sim.storage.photographs import (
+    open_frames,
+    read_mask,
+    read_photograph,
+    read_sensor_image,
+)
+from periscopy_sim.storage.pictures import read_hidden_image
+from periscopy_sim.storage.rasters import write_exr
+
+SIZE = 8, 8
+
+
+def exr(path):
+    write_exr(path, np.ones((*SIZE, 3)), {})
+    content = bytearray(path.read_bytes())
+    for name in (b"dataWindow", b"displayWindow"):
+        place = content.index(name + b"\0box2i\0") + len(name) + 11
+        content[place : place + 16] = struct.pack("<4i", 0, 0, 99_999, 99_999)
+    path.write_bytes(content)
+
+
+def npz(path):
+    head = io.BytesIO()
+    entries = {"descr": "<f4", "fortran_order": False, "shape": (10**5, 10**5, 3)}
+    np.lib.format.write_array_header_1_0(head, entries)
+    with zipfile.ZipFile(path, "w") as archive:
+        for key in ("photograph", "hidden", "mask"):
+            archive.writestr(f"{key}.npy", head.getvalue() + bytes(99))
+
+
+def packed(size):
+    return zlib.compress(bytes(size), 9)
+
+
+def png(path, side=10**5, data=b""):
+    def chunk(kind, content):
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(
+            ">I", zlib.crc32(kind + content))  # fmt: skip
+
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 16, 2, 0, 0, 0))
+    end = chunk(b"IDAT", data) + chunk(b"IEND", b"")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + head + end)
+
+
+def png_of_more(path):
+    png(path, 8, packed(1 << 26))
+
+
+def tiff_of_more(path):
+    with tifffile.TiffWriter(path) as file:
+        strips = iter([packed(1 << 26)])
+        file.write(
+            strips, shape=(*SIZE, 3), dtype="u2", compression="adobe_deflate", rowsperstrip=8
+        )
+
+
+@pytest.mark.parametrize("save", [exr, npz, png, png_of_more, tiff_of_more])
+def test_pictures_are_refused_before_they_are_decoded(save, tmp_path):
+    save(path := tmp_path / "y")
+    tracemalloc.start()
+    for read in (
+        lambda: read_photograph(path, SIZE),
+        lambda: read_hidden_image(path, (2, 2)),
+        lambda: read_mask(path),
+        lambda: read_sensor_image(path),
+    ):
+        with pytest.raises(PhotographError):
+            read()
+    assert tracemalloc.get_traced_memory()[1] < 1 << 25
+    tracemalloc.stop()
+
+
+def huge_head(path):
+    head = path / "photograph" / "zarr.json"
+    head.write_text(head.read_text().replace("[\n    2,", "[\n    1000000000,"))
+
+
+def huge_chunk(path):
+    from numcodecs import Zstd
+
+    chunk = Zstd().encode(bytes(1 << 26))
+    (path / "photograph/c/0/0/0/0").write_bytes(chunk)
+
+
+def pipe(path):
+    (path / "photograph/c/1/0/0/0").unlink()
+    os.mkfifo(path / "photograph/c/1/0/0/0")
+
+
+@pytest.mark.parametrize("damage", [huge_head, huge_chunk, pipe])
+def test_stacks_are_refused_before_chunks_are_listed_or_unpacked(damage, tmp_path):
+    import zarr
+
+    group = zarr.open_group(tmp_path / "y.zarr", mode="w")
+    stack = np.random.default_rng(0).random((2, *SIZE, 3), np.float32)
+    array = group.create_array("photograph", shape=stack.shape, chunks=(1, *SIZE, 3), dtype="f4",
+                               fill_value=np.nan)  # fmt: skip
+    array[:] = stack
+    assert len([*open_frames(tmp_path / "y.zarr", SIZE)]) == 2
+    damage(tmp_path / "y.zarr")
+    tracemalloc.start()
+    with pytest.raises(PhotographError):
+        list(open_frames(tmp_path / "y.zarr", SIZE))
+    assert tracemalloc.get_traced_memory()[1] < 1 << 25
+    tracemalloc.stop()
+
+
+NESTED = "[&a [lol,lol,lol,lol,lol,lol,lol,lol], {}]".format(
+    ", ".join(
+        f"&{b} [{','.join([f'*{a}'] * 8)}]" for a, b in zip("abcdefghi", "bcdefghij", strict=True)
+    )
+)
+
+
+@pytest.mark.parametrize("read", [load_configuration, load_laboratory])
+def test_yaml_without_end_is_refused(read, tmp_path):
+    for text in (
+        f"hidden: {NESTED}",
+        f"wall: {{distance: {NESTED}}}",
+        "hidden: &a [*a]",
+        "a: " + "[" * 999,
+        "#" * (1 << 18),
+    ):
+        (tmp_path / "a.yaml").write_text(text)
+        with pytest.raises(ConfigurationError, match=r"a\.yaml"):
+            read(tmp_path / "a.yaml")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigurationError, match="regular file"):
+        read(tmp_path / "pipe")
+
+
+def test_json_nested_without_end_is_a_value_error(tmp_path):
+    (tmp_path / "a.json").write_text("[" * 200_000)
+    with pytest.raises(ValueError, match="deeply"):
+        read_json(tmp_path / "a.json")
+
+
+def glb(accessor):
+    text = json.dumps({"asset": {"version": "2.0"}, "accessors": [accessor]}).encode()
+    size = len(text).to_bytes(4, "little")
+    return b"glTF\2\0\0\0" + (20 + len(text)).to_bytes(4, "little") + size + b"JSON" + text
+
+
+PLY = b"ply\nformat ascii 1.0\nelement vertex 1000000000\nproperty float x\nend_header\n"
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.ply", PLY), ("a.glb", glb({"count": 10**9}))])
+def test_meshes_hold_what_they_announce(name, content, tmp_path):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ValueError, match="announces more"):
+        read_mesh(tmp_path / name)
