@@ -26,7 +26,7 @@ def test_transport_has_its_closed_form_unless_rays_are_asked_for(scenario):
         (LightOptions(), "preconditioned", "rays", 16),
         (LightOptions(model=Model.analytic), "preconditioned", "areas", None),
         (LightOptions(samples=4), "noise-aware", "rays", 4),
-        (LightOptions(model=Model.rendered), "noise-aware", "rays", 32),
+        (LightOptions(model=Model.rendered), "noise-aware", "rays", 128),
     ]:
         plan = replace(scenario, light=light.of(scenario)).plan(0.005, method)
         assert (plan.by, plan.samples) == (by, samples)
