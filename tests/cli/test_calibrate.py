@@ -110,6 +110,7 @@ def test_nothing_is_written_if_a_scene_aside_cannot_be(refused, tmp_path):
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("every_wall_point")
 def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path):
     for number, signal in enumerate(signals):
         np.save(tmp_path / f"{number}.npy", ps.add_noise(signal, 60, number))

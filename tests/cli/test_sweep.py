@@ -381,7 +381,7 @@ cli.main()
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("jit")
+@pytest.mark.usefixtures("jit", "every_wall_point")  # as the processes killed
 def test_sweep_killed_twice_ends_in_the_same_bytes(succeeds, folder):
     succeeds(*command(out="whole"))
     # While the store is begun, and among the results: the trial of the forecast writes, too.
