@@ -40,7 +40,7 @@ Result = TypeVar("Result")
 SNR = 60.0
 """SNR, in dB, of the photographs that are made where none is asked for: the paper's."""
 
-SMALL = 1 / 3
+OWN_SHARE = 1 / 3
 """Error of a photograph over its noise that counts as small: both exceed the noise by 5 %."""
 
 WAVEFRONT = 1 << 24
@@ -103,7 +103,7 @@ def excess_of(error: float, snr: float) -> tuple[str, ...]:
 
 def allowed_error(snr: float) -> float:
     """Return the largest relative error of its own that a photograph of an SNR, in dB, may have."""
-    return float(SMALL * 10 ** (-snr / 20))
+    return float(OWN_SHARE * 10 ** (-snr / 20))
 
 
 def rendering_of(
