@@ -76,14 +76,11 @@ def zarr_stack(path: Path, size: rasters.Size = None) -> Any:
     """
     import zarr
 
-    from periscopy_sim.storage.zarr_codecs import bounded_codecs
-
     with rasters.decoding(path, "Zarr", f"save a Zarr 3 group with an array '{PHOTOGRAPH}'"):
         files = [each for each in path.rglob("*") if not each.is_dir()]
         if irregular := [each.name for each in files if not each.is_file()]:
             raise ValueError(f"'{irregular[0]}' is no regular file")
-        with bounded_codecs():
-            array = zarr.open_group(path, mode="r", zarr_format=3)[PHOTOGRAPH]
+        array = zarr.open_group(path, mode="r", zarr_format=3)[PHOTOGRAPH]
         if _PACKED & {*array.attrs} or array.attrs.get("_FillValue", _NAN) != _NAN:
             raise ValueError("xarray packed its values; use float32, and NaN for missing ones")
         names = array.metadata.dimension_names or ()

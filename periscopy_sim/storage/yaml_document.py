@@ -1,8 +1,5 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
-import math
-import re
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -18,17 +15,13 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
-from ruamel.yaml.composer import Composer
-from ruamel.yaml.error import MarkedYAMLError
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
-from ruamel.yaml.resolver import VersionedResolver
+from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
 from periscopy_sim.errors import ConfigurationError, did_you_mean, in_words, path_fault
 from periscopy_sim.numerics.validation import RANGES, read_regular, size_of
 
-MOST_LETTERS = 1 << 17
-"""Bytes of a YAML file, and its letters and entries once aliases are filled in. At worst, of a list
-of digits, it takes 6 s to parse."""
+MOST_BYTES = 1 << 17
+"""Bytes of a YAML file. At worst, of a list of digits, it takes 6 s to parse."""
 
 UNKNOWN = "extra_forbidden"
 """Pydantic's type of a mistake: an entry that a model does not know."""
@@ -86,74 +79,6 @@ Sizes = Annotated[
 Document = TypeVar("Document", bound=Strict)
 
 
-MERGE = "merge"
-_SCALARS = {
-    "null": r"~|null|Null|NULL|",
-    MERGE: "<<",
-    "bool": r"true|True|TRUE|false|False|FALSE",
-    "int": r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+",
-    "float": r"""[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?
-                 |[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)""",
-}
-"""Plain scalars that are no texts, by YAML 1.2's core schema (Sec. 10.3); and what merges."""
-
-_TAG = "tag:yaml.org,2002:"
-_TYPED = [(_TAG + name, re.compile(rf"({form})\Z", re.X)) for name, form in _SCALARS.items()]
-
-
-class _CoreSchema(VersionedResolver):
-    """The types of plain scalars, whatever version of YAML a file names."""
-
-    types = _TYPED
-
-    @property
-    def versioned_resolver(self) -> dict[None, list[tuple[str, re.Pattern[str]]]]:
-        """Return the tags and forms of scalars, whatever they begin with."""
-        return {None: self.types}
-
-    @property
-    def processing_version(self) -> tuple[int, int]:
-        """Return the version of YAML."""
-        return 1, 2
-
-
-class _Texts(_CoreSchema):
-    """Plain scalars are texts, as on a command line, but for null."""
-
-    types = _TYPED[:2]  # null, and what merges
-
-
-class _Composer(Composer):
-    """Each entry's name is a text, not yes, null or 1; one given twice is an error."""
-
-    def compose_mapping_node(self, anchor: Any) -> MappingNode:
-        """Return the node of a mapping."""
-        node: MappingNode = super().compose_mapping_node(anchor)
-        names = set[str]()
-        for key, _ in node.value:
-            fault = "" if isinstance(key, ScalarNode) else "an entry's name is no text"
-            if not fault and key.value in names:
-                fault = f"'{key.value}' is given twice"
-            if fault:
-                raise MarkedYAMLError(problem=fault, problem_mark=key.start_mark)
-            names.add(key.value)
-            if key.tag != _TAG + MERGE:
-                key.tag = self.resolver.DEFAULT_SCALAR_TAG
-        return node
-
-
-def _letters(node: Node, known: dict[int, float]) -> float:
-    """Return the letters and entries of a node whose aliases are filled in; `known` by identity."""
-    if id(node) not in known:
-        known[id(node)] = math.inf  # of a node within itself
-        within = node.value
-        if isinstance(node, MappingNode):
-            within = [each for pair in node.value for each in pair]
-        own = len(within) if isinstance(within, str) else sum(_letters(n, known) for n in within)
-        known[id(node)] = 1 + own
-    return known[id(node)]
-
-
 def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> Document:
     """Return the content of a file of YAML 1.2 as a model whose field `folder` is the file's own.
 
@@ -161,15 +86,9 @@ def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> D
     YAML is a `ConfigurationError`, and so are entries that are unknown, missing or out of range,
     all of them with their lines.
     """
-    yaml, content = YAML(typ="safe", pure=True), b""
-    yaml.Resolver, yaml.Composer = _Texts if as_texts else _CoreSchema, _Composer
-    yaml.composer.warn_double_anchors = False
+    yaml = YAML(typ="base" if as_texts else "safe", pure=True)
     try:
-        content = read_regular(path, MOST_LETTERS)
-        is_wide = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
-        document = yaml.compose(content.decode("utf-16" if is_wide else "utf-8-sig"))
-        if document and _letters(document, {}) > MOST_LETTERS:
-            raise ValueError("its aliases repeat too much, or hold themselves")
+        document = yaml.compose(read_regular(path, MOST_BYTES))
         entries = document and yaml.constructor.construct_document(document)
     except OSError as error:
         fault = path_fault(path) or f"{error.strerror}; check the path"
@@ -177,13 +96,7 @@ def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> D
     except Exception as error:  # the reader also raises what Python says of a huge integer
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark else ""
-        parts = (getattr(error, "context", None), getattr(error, "problem", None))
-        problem = (", ".join(filter(None, parts)) or str(error)).splitlines()[0]
-        if isinstance(error, RecursionError):
-            problem = "its entries are nested too deeply"
-        if isinstance(error, UnicodeDecodeError):
-            line = content.count(b"\n", 0, error.start) + 1
-            place, problem = f", line {line}", f"{error.reason} of {error.encoding}"
+        problem = str(getattr(error, "problem", None) or error).splitlines()[0]
         raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
     if not isinstance(entries, dict) or "folder" in entries:
         raise ConfigurationError(f"{path}: is no mapping of entries as the example is")
@@ -203,7 +116,7 @@ def _located(node: Node | None, mistake: Any) -> str:
     for part in mistake["loc"]:
         pairs: list[tuple[Any, Any]] = []
         if isinstance(node, MappingNode):
-            pairs = [pair for pair in node.value if pair[0].value == part]
+            pairs = [pair for pair in node.value if pair[0].value == str(part)]
         elif isinstance(node, SequenceNode):
             pairs = [(each, each) for k, each in enumerate(node.value) if k == part]
         if pairs:
