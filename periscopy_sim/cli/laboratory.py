@@ -1,5 +1,6 @@
 """`periscopy lab`, `draw`, `prepare`, `view`, `watch`: a laboratory, its photographs, its page."""
 
+import csv
 import hashlib
 import os
 import signal
@@ -25,7 +26,7 @@ from periscopy_sim.photographs.develop import SensorImage, develop
 from periscopy_sim.photographs.develop import average as averaged
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.storage import formats, photographs, rasters
-from periscopy_sim.storage.outputs import GrowingStack, GrowingTable, unwritable_reported
+from periscopy_sim.storage.outputs import append_array, unwritable_reported
 from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.provenance import as_text
 
@@ -434,9 +435,9 @@ def watch(
 class Recorder:
     """The pictures of all frames and their numbers in a folder, whole at any moment.
 
-    `frames.npy`, of several surfaces one for each, and `metrics.csv` grow with each frame in full
-    size; `close` writes `summary.json`. An OutputError says that the folder holds a recording,
-    which no camera can repeat.
+    `frames.npy`, of several surfaces one for each, and `metrics.csv`, whose columns are those of
+    the first frame, grow with each frame in full size; `close` writes `summary.json`. An
+    OutputError says that the folder holds a recording, which no camera can repeat.
     """
 
     def __init__(self, folder: Path, session: PhotoSession) -> None:
@@ -446,9 +447,8 @@ class Recorder:
         place = next(each for each in (folder, *folder.absolute().parents) if each.exists())
         if not (place.is_dir() and os.access(place, os.W_OK)):
             raise OutputError(f"cannot write {folder}; name another folder for --out")
-        self._folder, self._session = folder, session
-        self._stacks: dict[str, GrowingStack] = {}
-        self._table: GrowingTable | None = None
+        self._folder, self._session, self._count = folder, session, 0
+        self._columns: list[str] = []
 
     def __call__(self, pictures: "LivePictures", progress: "Progress") -> None:
         """Record a frame; coarse pictures, which a moving scene has, are left out."""
@@ -466,22 +466,22 @@ class Recorder:
             "noise_left": progress.noise_left or "", **choice.values,
         }  # fmt: skip
         with WRITING, unwritable_reported(self._folder):
-            if self._table is None:
-                self._folder.mkdir(parents=True, exist_ok=True)
-                places = {stem: self._folder / f"{stem}.npy" for stem in images}
-                self._stacks = {n: GrowingStack(places[n], f.shape) for n, f in images.items()}
-                self._table = GrowingTable(self._folder / "metrics.csv", row)
+            self._folder.mkdir(parents=True, exist_ok=True)
             for stem, image in images.items():
-                self._stacks[stem].append(image)
-            self._table.append(row)
+                append_array(self._folder / f"{stem}.npy", image, self._count)
+            with (self._folder / "metrics.csv").open("a", encoding="utf-8", newline="") as file:
+                self._columns = self._columns or [*row]
+                form: Any = {"extrasaction": "ignore", "lineterminator": "\n"}
+                table = csv.DictWriter(file, self._columns, **form)
+                if not self._count:
+                    table.writeheader()
+                table.writerow(row)
+            self._count += 1
 
     def close(self, numbers: Mapping[str, object]) -> None:
         """Write the summary of the frames, if there are any."""
-        if self._table is None:
+        if not self._count:
             return
-        files: list[GrowingTable | GrowingStack] = [self._table, *self._stacks.values()]
-        for each in files:
-            each.close()
         with output.output_files(self._folder / "summary.json") as (staged,):
-            self._session.write_summary(staged, {"frames": self._table.count, **numbers})
-        output.written(*(each.path for each in files))
+            self._session.write_summary(staged, {"frames": self._count, **numbers})
+        output.written(self._folder / "metrics.csv", *sorted(self._folder.glob("frames*.npy")))

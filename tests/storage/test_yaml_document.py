@@ -48,7 +48,7 @@ def test_an_entry_of_its_own_comes_before_a_merged_one(read):
 
 def test_faults_have_a_line(read):
     for text, line in (
-        ("a: 1\n'a': 2", 2), ("a: 1\n---\nb: 2", 2), ("a:\n\tb: 1", 2), 
+        ("a: 1\n'a': 2", 2), ("a: 1\n---\nb: 2", 2), ("a:\n\tb: 1", 2),
         ("a: 1\nb: *x", 2), ("a: 1\nb: !!python/name:os.system x", 2), ("a: 1\nyes: 2", 2),
         ("a: [1,\n2", 2), ("b: {<<: 3}", 1),
     ):  # fmt: skip
