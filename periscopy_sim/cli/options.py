@@ -21,7 +21,6 @@ from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics import validation
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
-from periscopy_sim.shipped import DARK, find_image
 from periscopy_sim.storage.places import place
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -31,45 +30,6 @@ GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
-
-
-def _existing_files(value: list[Path] | None) -> list[Path] | None:
-    """Return the entries ``[CAMERA=]FILE`` of an option; an error if a file does not exist."""
-    for entry in value or ():
-        _, equals, name = str(entry).partition("=")
-        if not (entry.exists() or (equals and Path(name).exists())):
-            raise typer.BadParameter(f"path '{name or entry}' does not exist.")
-    return value
-
-
-def _existing_images(value: Any) -> Any:
-    """Return the entries ``[ID=]IMAGE,...``, some of them folders; an error if one is missing."""
-    for entry in [value] if isinstance(value, str) else value or ():
-        own = entry.partition("=")[2] or entry
-        is_one = Path(entry).exists() or Path(own).exists()
-        for each in [entry] if is_one else entry.split(","):
-            name = each if Path(each).exists() else each.split("=", 1)[-1]
-            if not Path(name).is_dir():
-                find_image(name.strip())
-    return value
-
-
-def _existing_light(value: str | None) -> str | None:
-    """Return the name of a condition, or a photograph's file, that exists, or of no light."""
-    from periscopy_sim.shipped import find_condition, is_photograph
-
-    if value not in (None, DARK) and not is_photograph(value):
-        find_condition(str(value))
-    return value
-
-
-def _callback_of(form: str) -> Callable[[Any], Any] | None:
-    """Return what looks for the files of an option of this form, before a scene is loaded."""
-    if "IMAGE" in form:
-        return _existing_images
-    if form == "LIGHT":
-        return _existing_light
-    return _existing_files if "CAMERA=" in form else None
 
 
 def option(
@@ -88,7 +48,6 @@ def option(
     """
     # Rich takes a bracket for the start of a style.
     words = (words or validation.RANGES[kind].help).replace("[", r"\[")
-    more.setdefault("callback", _callback_of(form))
     if limits := validation.RANGES[kind].ends if kind else limits:
         least, most = limits
 
@@ -103,7 +62,7 @@ def option(
 
 def argument(form: str, words: str, **more: Any) -> Any:
     """Return an argument: the form of its value, its help in words, the rest as typer takes it."""
-    return typer.Argument(metavar=form, help=words, callback=_callback_of(form), **more)
+    return typer.Argument(metavar=form, help=words, **more)
 
 
 class OptionGroup:
