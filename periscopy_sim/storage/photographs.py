@@ -53,7 +53,7 @@ def read_photograph(
     PhotographError
         If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
-    picture, warnings = _linear_light(path, shape)
+    picture, warnings = _linear_light(path)
     return Photograph.of(picture.values, shape, str(path), mask=mask, warnings=tuple(warnings))
 
 
@@ -91,7 +91,7 @@ def read_sensor_image(
     PhotographError
         If the file is missing, damaged, of another format or of another encoding.
     """
-    picture, warnings = _linear_light(path, encoding=encoding)
+    picture, warnings = _linear_light(path, encoding)
     if picture.encoding == SRGB and (has_black or white is not None):
         raise PhotographError(
             f"{path}: is encoded for screens; give a raw file, or leave out the black level and "
@@ -102,15 +102,13 @@ def read_sensor_image(
     return exposure, (*warnings, *([] if is_known else plateaus(exposure.values, str(path))))
 
 
-def _linear_light(
-    path: str | Path, shape: tuple[int, int] | None = None, encoding: str | None = None
-) -> tuple[Picture, list[str]]:
-    """Decode a photograph, of a size if one is given, as linear light.
+def _linear_light(path: str | Path, encoding: str | None = None) -> tuple[Picture, list[str]]:
+    """Decode a photograph as linear light.
 
     Return it with the encoding that the file has, and what was assumed or left out, one line each.
     """
     row = format_of(Path(path))
-    picture = row.decode(Path(path), PHOTOGRAPH, shape)
+    picture = row.decode(Path(path), PHOTOGRAPH)
     values, full, wanted = picture.values, picture.saturated, encoding
     encoding = picture.encoding
     is_8_bits, kind = values.dtype == np.uint8, f"{8 * values.dtype.itemsize}-bit {row.name}"
@@ -171,7 +169,7 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
         out every pixel.
     """
     path = Path(path)
-    picture = decode_picture(path, "mask", shape)
+    picture = decode_picture(path, "mask")
     values = with_channels(picture.values, str(path))
     if picture.alpha is not None:
         values = np.where(picture.alpha > picture.alpha.max() / 2, values, 0)
@@ -236,9 +234,9 @@ def open_frames(
         names = tuple(file.name for file in files)
         return Frames(names, lambda k: read_photograph(files[k], shape, mask))
     if path.is_dir():
-        stack = zarr_stack(path, shape)
+        stack = zarr_stack(path)
     elif open_stack := format_of(path).open_stack:
-        stack = open_stack(path, shape)
+        stack = open_stack(path)
     else:
         raise PhotographError(
             f"{path}: is a single {format_of(path).name} file; give a folder of photographs, a "
