@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from periscopy_sim.dataset.configuration import Bounced, Configuration, load_configuration
@@ -141,33 +140,28 @@ def make_dataset(
     }
     check_scheduler(scheduler, out)
     with outputs.alone_in(out / MAKING):
-        labels = _labels(settings, draws)
-        store = BlockStore(out, layout.of_store(), attributes, labels)
+        store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
         blocks_each = settings.samples_per_geometry // layout.block
         by_geometry = groupby(
             (block for (block,) in store.missing()), lambda block: block // blocks_each
         )
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
         made = sum(store.layout.size((n,)) for blocks in shares.values() for n in blocks)
-        done, blocks = layout.count - made, sum(map(len, shares.values()))
+        done = layout.count - made
         if planned is not None:
             rooms = missing_lights(settings, first) if shares else 0
             planned(Work(made, len(shares), rooms, 1e-6 * made * layout.sample_bytes))
-        begun: dict[int, RenderedGeometry] = {}
+        maker = _Maker(settings, layout.photograph_shape, store)
         if shares and scheduler is None and estimated is not None:
-            flat = settings, layout.photograph_shape, backgrounds_of(settings, first)
+            maker.backgrounds = backgrounds_of(settings, first)
             number, (block, *_) = next(iter(shares.items()))
-            of_geometry, begun[number] = timed(partial(_geometry, flat, number))
-            together = [(begun[number], block)] * core_count()  # as many as run at once
-            of_all, tried = timed(lambda: [*ahead(partial(_block, flat), together)])
-            with TemporaryDirectory() as folder:
-                trial = BlockStore(Path(folder), store.layout, attributes, labels)
-                of_block = timed(partial(trial.write, (block,), tried[0][1]))[0]
-            of_block += of_all / len(together)
-            estimated((len(shares) - 1) * of_geometry + blocks * of_block)
-        backgrounds = backgrounds_of(settings, first, rendering) if shares else {}
-        shared = settings, layout.photograph_shape, backgrounds
-        for block, values in _made(shared, shares, scheduler, store, begun):
+            of_geometry, geometry = timed(partial(maker.geometry, number))
+            together = [(geometry, block)] * core_count()  # as many as run at once
+            of_all = timed(lambda: [*ahead(maker.block, together)])[0]
+            of_block = of_all / len(together) * sum(map(len, shares.values()))
+            estimated((len(shares) - 1) * of_geometry + of_block)
+        maker.backgrounds = backgrounds_of(settings, first, rendering) if shares else {}
+        for block, values in maker.made(shares, scheduler):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
             if values:
@@ -191,63 +185,58 @@ def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -
         )
 
 
-def _made(
-    shared: "_Shared",
-    shares: Mapping[int, Sequence[int]],
-    scheduler: str | None,
-    store: BlockStore,
-    begun: dict[int, RenderedGeometry],
-) -> Iterator[tuple[int, Block]]:
-    """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
+class _Maker:
+    """What makes blocks of a data set, here or on workers.
 
-    Workers write to a place that all reach themselves: such blocks are empty. Geometries that are
-    `begun` are not rendered again.
+    Workers write to a place that all reach themselves: the blocks that they return are empty.
     """
-    if scheduler is None or not shares:
-        # A of a geometry is made here, beside the last photographs of the one before on threads.
-        ready = (
-            (begun.pop(number) if number in begun else _geometry(shared, number), blocks)
-            for number, blocks in shares.items()
-        )
-        work = ((geometry, block) for geometry, blocks in ready for block in blocks)
-        yield from ahead(partial(_block, shared), work)
-        return
-    shared_store = store if places.is_shared(store.path) else None
-    with connect(scheduler) as client:
-        for _, blocks in compute(client, _make_share, (shared, shared_store), shares.items()):
-            yield from blocks
 
+    def __init__(self, settings: Configuration, shape: tuple[int, int], store: BlockStore) -> None:
+        self.settings, self.shape = settings, shape
+        self.store = store if places.is_shared(store.path) else None
+        self.backgrounds: Backgrounds = {}
+        self._latest: tuple[int, RenderedGeometry] | None = None
 
-_Shared = tuple[Configuration, tuple[int, int], Backgrounds]
-"""The configuration, the photographs' (rows, columns), and the ambient light."""
+    def made(
+        self, shares: Mapping[int, Sequence[int]], scheduler: str | None
+    ) -> Iterator[tuple[int, Block]]:
+        """Yield blocks with their numbers, geometry by geometry, each where a worker is free."""
+        if scheduler is None or not shares:
+            # A of a geometry is made here, beside the last photographs of the one before.
+            ready = ((self.geometry(number), blocks) for number, blocks in shares.items())
+            work = ((geometry, block) for geometry, blocks in ready for block in blocks)
+            yield from ahead(self.block, work)
+            return
+        with connect(scheduler) as client:
+            for _, blocks in compute(client, _Maker.share, self, shares.items()):
+                yield from blocks
 
+    def share(self, share: tuple[int, Sequence[int]]) -> list[tuple[int, Block]]:
+        """Return the blocks of a geometry."""
+        number, blocks = share
+        if self.store is not None:
+            self.store.check_seen()  # before an hour's work
+        geometry, made = self.geometry(number), []
+        for block, values in (self.block((geometry, each)) for each in blocks):
+            if self.store is not None:
+                self.store.write((block,), values)
+            made.append((block, values if self.store is None else {}))
+        return made
 
-def _make_share(
-    given: tuple[_Shared, BlockStore | None], share: tuple[int, Any]
-) -> list[tuple[int, Block]]:
-    (shared, store), (number, blocks), made = given, share, []
-    if store is not None:
-        store.check_seen()  # before an hour's work
-    geometry = _geometry(shared, number)
-    for block, values in (_block(shared, (geometry, each)) for each in blocks):
-        if store is not None:
-            store.write((block,), values)
-        made.append((block, values if store is None else {}))
-    return made
+    def geometry(self, number: int) -> RenderedGeometry:
+        """Return a geometry; the latest one is kept."""
+        latest = self._latest  # a worker's threads share it
+        if latest is None or latest[0] != number:
+            geometry = render_geometry(self.settings, number)
+            _check_shape(number, geometry.scenario, self.shape)
+            latest = self._latest = number, geometry
+        return latest[1]
 
-
-def _geometry(shared: _Shared, number: int) -> RenderedGeometry:
-    settings, shape, _ = shared
-    geometry = render_geometry(settings, number)
-    _check_shape(number, geometry.scenario, shape)
-    return geometry
-
-
-def _block(shared: _Shared, item: tuple[RenderedGeometry, int]) -> tuple[int, Block]:
-    """Return the number of a block, and the block."""
-    (settings, _, backgrounds), (geometry, number) = shared, item
-    start, stop = (n * settings.samples_per_shard for n in (number, number + 1))
-    return number, make_samples(settings, geometry, backgrounds, start, stop)
+    def block(self, item: tuple[RenderedGeometry, int]) -> tuple[int, Block]:
+        """Return the number of a block, and the block."""
+        (geometry, number), size = item, self.settings.samples_per_shard
+        start, stop = number * size, (number + 1) * size
+        return number, make_samples(self.settings, geometry, self.backgrounds, start, stop)
 
 
 def _labels(settings: Configuration, draws: Sequence[GeometryDraw]) -> dict[str, Label]:

@@ -9,7 +9,7 @@ import logging
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ class Picture:
     encoding: str | None = None  # what the file declares of its integers
     saturated: NDArray[np.bool_] | None = None  # (rows, columns), where its sensor says it was
     cell: int = 1  # pixels of the sensor along each side of one of these
+    metadata: Mapping[str, str | float] = field(default_factory=dict)  # of OpenEXR's header
 
 
 def listed(names: Sequence[str]) -> str:
@@ -121,18 +122,13 @@ def read_exr(path: Path) -> tuple[NDArray[np.float32], dict[str, str | float]]:
 
     The image is (rows, columns, 3) float32 linear light; a lone grey channel is replicated.
     """
-    picture, metadata = _read(path)
+    picture = decode_exr(path)
     shape = (*picture.values.shape[:2], 3)
-    return np.broadcast_to(picture.values, shape).astype(np.float32), metadata
+    return np.broadcast_to(picture.values, shape).astype(np.float32), dict(picture.metadata)
 
 
 def decode_exr(path: Path, _: str = "") -> Picture:
-    """Read the colour channels of an OpenEXR file of one flat part, or its grey one."""
-    return _read(path)[0]
-
-
-def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
-    """Return R, G and B, else the only channel, and the texts and numbers of the header."""
+    """Read R, G and B of an OpenEXR file of one flat part, or its only channel."""
     import OpenEXR
 
     with decoding(path, "EXR"):
@@ -158,7 +154,7 @@ def _read(path: Path) -> tuple[Picture, dict[str, str | float]]:
             values = {n: v.item() if np.size(v) == 1 and isinstance(v, np.ndarray) else v
                       for n, v in header.items()}  # fmt: skip
             metadata = {n: v for n, v in values.items() if isinstance(v, str | float | int)}
-            return Picture(pixels, left_out=left_out), metadata
+            return Picture(pixels, left_out=left_out, metadata=metadata)
 
 
 _PROFILE = "a colour profile of deep integers"
