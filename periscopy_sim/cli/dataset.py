@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.filesize import decimal
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options, output
@@ -59,15 +60,9 @@ def make(
 
     def planned(work: "Work") -> None:
         if work.samples:
-            of = output.counted(work.geometries, "geometry")
-            size = (
-                f"{work.megabytes:,.2g} MB"
-                if work.megabytes < 100
-                else f"{work.megabytes / 1e3:.2g} GB"
-            )
-            output.say(
-                f"{output.counted(work.samples, 'sample')} of {of}, {size} before compression"
-            )
+            samples = output.counted(work.samples, "sample")
+            of, size = output.counted(work.geometries, "geometry"), decimal(work.size)
+            output.say(f"{samples} of {of}, {size} before compression")
             output.show_parts(matrix=work.geometries, ambient_light=work.lights)
             lights.extend([output.counted(work.lights, "ambient light")] if work.lights else [])
 

@@ -1,9 +1,8 @@
 """`periscopy analyze`, how well a scene can be seen, and `periscopy design`, where to look."""
 
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -90,20 +89,13 @@ _IMAGES = "Images that noise-aware recovers, by comma, or none."
 TABLE, BEST, FILES = "design.csv", "best.xml", ["design.json", "design.png"]
 
 
-class By(StrEnum):
-    """Criterion that ranks the points."""
-
-    bound = "bound"
-    reported = "reported"
-
-
 def design(
     session: Annotated[Session, {"hidden": ["15x18"]}],
     light: options.LightOptions,
     vary: Annotated[str, options.option("NAME=LOW:HIGH,...", _VARY)],
     out: options.ResumedFolder,
     grid: Annotated[int, options.option("NUMBER", _GRID, kind="grid")] = 11,
-    by: Annotated[By, typer.Option(help=_BY)] = By.bound,
+    by: Annotated[Literal["bound", "reported"], typer.Option(help=_BY)] = "bound",
     sbr: Annotated[float, options.option("RATIO", kind="sbr")] = 0.5,
     snr: options.Snr = 60.0,
     images: Annotated[str, options.option("LIST", _IMAGES)] = "mushroom,still_life,letters",
@@ -117,7 +109,7 @@ def design(
 
     ranges = options.parse_ranges(vary, "--vary")
     names = [] if images == "none" else options.parse_list("--images", images)
-    if by is By.reported and not names:
+    if by == "reported" and not names:
         raise ps.PeriscopyError("--by reported needs images; leave --images out")
     for name in names:
         ps.find_image(name)
@@ -129,10 +121,10 @@ def design(
         )
     settings = {
         "hidden_shape": session.hidden_shape, "ranges": ranges, "grid": grid,
-        "seed": session.seed, "snr": snr, "sbr": str(sbr), "images": names, "by": by.value,
+        "seed": session.seed, "snr": snr, "sbr": str(sbr), "images": names, "by": by,
         **scenario.plan(noise_to_signal(snr, sbr)).origin, **light.origin,
     }  # fmt: skip
-    ranking = designs.ranked(rows, "reported_error" if by is By.reported else "bound")
+    ranking = designs.ranked(rows, "reported_error" if by == "reported" else "bound")
     written = [*FILES, BEST] if ranking else FILES
     with output.output_files(*(out / name for name in written)) as files:
         _write_results(session, rows, ranking, settings, *files)

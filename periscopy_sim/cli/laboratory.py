@@ -18,7 +18,7 @@ import typer
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import messages, options, output, reconstruct
-from periscopy_sim.cli.session import PhotoSession, Session, WallSession
+from periscopy_sim.cli.session import ALL_BUT_SHADOWS, PhotoSession, Session, WallSession
 from periscopy_sim.errors import OutputError, PeriscopyError, require_all
 from periscopy_sim.figures.panels import exposed, write_enlarged
 from periscopy_sim.hidden import named
@@ -55,7 +55,7 @@ def lab(
     """
     options.require_suffix(out, ".xml", "the scene")
     output.written(*ps.lab(measurements, out))
-    _Trial(str(out), []).check_shadows()
+    _Trial(str(out), []).check_scene(but=ALL_BUT_SHADOWS)
     output.conclude(
         f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}"
     )
@@ -77,7 +77,7 @@ def draw(
         figure = ps.draw(session.scenario)
         with output.progress("drawing"):
             figure.savefig(staged, metadata=session.metadata)
-    session.check_shadows()
+    session.check_scene(but=ALL_BUT_SHADOWS)
 
 
 class _Trial(Session):
@@ -265,7 +265,8 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
-    check_page(host, port, method)
+    require_all("websockets")
+    ps.find_method(method)
     others = {"--mask": mask} if photo is None else {"--ambient": ambient, "--image": image}
     verb, remedy = ("needs", "give both") if photo is None else ("excludes", "give one of the two")
     for flag in filter(others.get, others):
@@ -287,15 +288,6 @@ def view(
             photograph=wall, light=light, host=host, port=port,
         )  # fmt: skip
     serve(live, session.path.name)
-
-
-def check_page(host: str, port: int, method: str, *libraries: str) -> None:
-    """Reject a page that cannot be served, before anything is loaded."""
-    require_all("websockets", *libraries)
-    from periscopy_sim.live.gate import listen
-
-    listen(host, port).close()
-    ps.find_method(method)
 
 
 def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:
@@ -389,7 +381,8 @@ def watch(
     In the browser, on the page of view: move the laboratory while the picture sharpens. Frames
     that come too late are dropped and counted. The command ends with the source, or by Ctrl-C.
     """
-    check_page(host, port, method, *(["cv2"] if tags else []))
+    require_all("websockets", *(["cv2"] if tags else []))
+    ps.find_method(method)
     marks = marks_of(points, tags)
     encoding = None if Path(source).is_dir() else rasters.LINEAR if linear else rasters.SRGB
     if dark and black:

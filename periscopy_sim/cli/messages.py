@@ -72,10 +72,6 @@ SENTENCES = {
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory; after A, "
         "the fit takes {seconds:.0f} s or more on two cores, and the standard errors as long"
     ),
-    "swapped": (
-        "{name}: patches of {given} (rows x columns) are {ratio:.2g} times as wide as high, those "
-        "of {other} nearly square: check the order"
-    ),
     "hardly_seen": "the photograph hardly shows {name}: {percent:.2g} % of the light, if white",
     "glossy": "{scene}: {names} ({materials}) counts as diffuse, and the image may be wrong",
     "reflecting": "{names}: no emitter, so the image is radiance, not albedo.",

@@ -4,11 +4,10 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -82,13 +81,6 @@ class OptionGroup:
 # -- the options ---------------------------------------------------------------------------------
 
 
-class Model(StrEnum):
-    """How direct light of the transport matrix is computed."""
-
-    rendered = "rendered"
-    analytic = "analytic"
-
-
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
 _PHOTO = "EXR, NPY, NPZ (key photograph), 16-bit PNG or TIFF."
 _EACH = "Of several views one for each --camera, in their order."
@@ -129,7 +121,9 @@ MaskOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOG
 MonitorOffOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH)]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
-ModelOption = Annotated[Model | None, option("rendered|analytic", _MODEL, group=LIGHT)]
+ModelOption = Annotated[
+    Literal["rendered", "analytic"] | None, option("rendered|analytic", _MODEL, group=LIGHT)
+]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 _MATRIX = "Read A from an NPY file"
 MatrixOption = Annotated[
@@ -315,9 +309,7 @@ def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> di
 def parse_sizes(entries: Sequence[str]) -> Sizes:
     """Read ``--hidden``: ``ROWSxCOLUMNS`` of the only surface, or ``ID=ROWSxCOLUMNS`` of each."""
     if entries and not any("=" in entry for entry in entries):
-        return validation.size_of(
-            entries[-1]
-        )  # the last counts, as of options that are not repeated
+        return validation.size_of(entries[-1])  # the last counts, as of other options
     pairs = parse_definitions(entries, "--hidden")
     return {name: validation.size_of(size) for name, size in pairs.items()}
 
@@ -523,8 +515,6 @@ class LightOptions(MonitorLight):
 
     def of(self, scenario: ps.Scenario) -> ps.Light:
         """Return how the light of a scenario is computed; B of files has its pixels."""
-        from dataclasses import replace
-
         from periscopy_sim.storage.transport_matrix import read_prototypes
 
         pixels = scenario.transport_shape[0]

@@ -7,7 +7,7 @@ import numpy as np
 import periscopy_sim as ps
 from periscopy_sim.cli import options, output
 from periscopy_sim.cli.options import LIGHT, MonitorLight, argument, most_bounces, option
-from periscopy_sim.cli.session import Session
+from periscopy_sim.cli.session import ALL_BUT_SHADOWS, Session
 from periscopy_sim.measurement import TARGET
 from periscopy_sim.shipped import CONDITIONS, DARK, find_condition
 from periscopy_sim.storage import provenance, rasters
@@ -58,7 +58,7 @@ def photograph(
         "colour_matrix": None if colours is None else colours.matrix.tolist(),
     }  # fmt: skip
     with output.output_files(out) as (file,):
-        session.check_shadows()
+        session.check_scene(but=ALL_BUT_SHADOWS)
         picture = session.scenario.image(names)
         if is_lit and ambient is not None:
             session.ambient_light(ambient, target)

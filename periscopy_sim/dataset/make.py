@@ -56,7 +56,7 @@ class Work:
     samples: int
     geometries: int
     lights: int  # ambient conditions that are rendered
-    megabytes: float  # of the samples, before compression
+    size: int  # bytes of the samples, before compression
 
 
 def make_dataset(
@@ -150,7 +150,7 @@ def make_dataset(
         done = layout.count - made
         if planned is not None:
             rooms = missing_lights(settings, first) if shares else 0
-            planned(Work(made, len(shares), rooms, 1e-6 * made * layout.sample_bytes))
+            planned(Work(made, len(shares), rooms, made * layout.sample_bytes))
         maker = _Maker(settings, layout.photograph_shape, store)
         if shares and scheduler is None and estimated is not None:
             maker.backgrounds = backgrounds_of(settings, first)
