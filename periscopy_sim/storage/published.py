@@ -175,42 +175,36 @@ def read_colours(paths: Sequence[Path]) -> NDArray[np.float64]:
     return np.asarray(np.maximum(np.stack(channels, axis=2), 0) ** DECODING)
 
 
+def _matlab(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+    """Return arrays of real numbers, all or some, of a MATLAB file of version 5 to 7."""
+    from scipy.io import loadmat, whosmat
+
+    with rasters.decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
+        for _, shape, _ in whosmat(stream):
+            check_budget(shape, path)
+        fields = loadmat(stream, variable_names=names or None)
+        return {n: f for n, f in fields.items() if getattr(f, "dtype", np.dtype("O")).kind in "iuf"}
+
+
 def read_arrays(path: Path) -> dict[str, NDArray[np.float64]]:
     """Return the square pictures of a MATLAB file of version 5, each (n, n, 1), by their names.
 
     A column of n² numbers is a picture whose columns stand one below the other. A file that is
     damaged, or without pictures, is a `PhotographError`.
     """
-    from scipy.io import loadmat, whosmat
-
-    with rasters.decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
-        names = []
-        for name, shape, kind in whosmat(stream):
-            check_budget(shape, path)
-            side = math.isqrt(math.prod(shape))
-            is_square = side > 1 and shape in {(side, side), (side**2, 1), (1, side**2)}
-            if is_square and kind not in ("cell", "struct", "object", "function", "opaque"):
-                names.append(name)
-        fields = loadmat(stream, variable_names=names) if names else {}
-    numbers = {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
-    if not (numbers and all(np.isfinite(each).all() for each in numbers.values())):
+    squares = dict[str, NDArray[np.float64]]()
+    for name, values in _matlab(path).items():
+        side = math.isqrt(values.size)
+        if side > 1 and values.shape in {(side, side), (side**2, 1), (1, side**2)}:
+            squares[name] = values.astype(np.float64).reshape(side, side, 1, order="F")
+    if not (squares and all(np.isfinite(each).all() for each in squares.values())):
         raise PhotographError(f"{path}: has no square picture of finite numbers")
-    return {
-        name: values.astype(np.float64).reshape(math.isqrt(values.size), -1, 1, order="F")
-        for name, values in numbers.items()
-    }
+    return squares
 
 
 def capture_fields(path: Path) -> dict[str, NDArray[Any]]:
     """Return those fields of a capture, a MATLAB file of version 5 to 7, that hold real numbers."""
-    from scipy.io import loadmat, whosmat
-
-    names = ["image", "shutter_speed", *REPEATS, "ground_truth"]
-    with rasters.decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as stream:
-        for _, shape, _ in whosmat(stream):
-            check_budget(shape, path)
-        fields = loadmat(stream, variable_names=names)
-        fields = {n: fields[n] for n in names if n in fields and fields[n].dtype.kind in "iuf"}
+    fields = _matlab(path, "image", "shutter_speed", *REPEATS, "ground_truth")
     counts = fields.get("image", np.zeros(0))
     if counts.ndim != 2 or counts.shape[0] % 2 or counts.shape[1] % 2:
         raise PhotographError(f"{path}: 'image' is missing or no Bayer counts, even x even")

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from periscopy_sim.storage import outputs, places
 from periscopy_sim.storage.provenance import check_settings
 
 if TYPE_CHECKING:
-    from zarr import Group
+    pass
 
 Block = tuple[int, ...]
 """Place of a block among the blocks, along each dimension that is cut."""
@@ -285,13 +285,6 @@ class BlockStore:
 def _fixed(attributes: Mapping[str, Any], layout: StoreLayout) -> dict[str, Any]:
     """Return the attributes that all runs share."""
     return {name: each for name, each in attributes.items() if name not in layout.growing}
-
-
-def opened(path: Path, mode: Literal["r", "r+"] = "r") -> "Group":
-    """Open a store by Zarr."""
-    import zarr
-
-    return zarr.open_group(**places.address(path), mode=mode, zarr_format=3)
 
 
 def attributes_of(path: Path) -> dict[str, Any]:
