@@ -41,16 +41,10 @@ class Outcome:
 
     quiet: bool = False
     as_json: bool = False
-    is_part: bool = False  # of another command, which shows the result instead
     numbers: dict[str, Any] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
     verdicts: list[tuple[str, str]] = field(default_factory=list)  # each with its colour
     warnings: list[str] = field(default_factory=list)
-
-    @property
-    def is_silent(self) -> bool:
-        """Whether only warnings and errors are printed."""
-        return self.quiet or self.is_part
 
     def show(self) -> None:
         """Print the files and then the verdicts, coloured on a terminal; or all as JSON."""
@@ -63,7 +57,7 @@ class Outcome:
             return
         if self.files:
             say(f"wrote {', '.join(map(str, dict.fromkeys(self.files)))}")
-        for line, colour in [] if self.is_part else self.verdicts:
+        for line, colour in self.verdicts:
             if not self.quiet:
                 Console(highlight=False).print(Text(printable(line), colour), soft_wrap=True)
             elif colour == "red":
@@ -80,11 +74,11 @@ def outcome() -> Outcome:
 
 
 @contextmanager
-def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
+def outcome_of(quiet: bool, as_json: bool) -> Iterator[Outcome]:
     """Collect the outcome of a command, and show it at the end; after an error only the files."""
     _OUTCOMES.append(Outcome(quiet, as_json))
     try:
-        yield
+        yield outcome()
     except BaseException:
         replace(outcome(), as_json=False, verdicts=[]).show()
         raise
@@ -94,20 +88,9 @@ def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
         _OUTCOMES.pop()
 
 
-@contextmanager
-def part_of_command() -> Iterator[Outcome]:
-    """Collect the outcome of a command that another one runs, and show none of it."""
-    part = replace(outcome(), is_part=True, numbers={}, files=[], verdicts=[])
-    _OUTCOMES.append(part)
-    try:
-        yield part
-    finally:
-        _OUTCOMES.pop()
-
-
 def say(message: str, *, is_result: bool = False) -> None:
     """Print one line, or several, beside JSON to standard error; if quiet, a result alone."""
-    is_silent = outcome().is_silent and not is_result
+    is_silent = outcome().quiet and not is_result
     for line in [] if is_silent else message.split("\n"):
         if outcome().as_json:
             _complain(line)
@@ -118,7 +101,7 @@ def say(message: str, *, is_result: bool = False) -> None:
 def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> None:
     """Print rows: on a terminal as a table, else in aligned columns."""
     rows = [*rows]
-    if not rows or outcome().is_silent or outcome().as_json:
+    if not rows or outcome().quiet or outcome().as_json:
         return
     console = Console(highlight=False)
     if console.is_terminal:

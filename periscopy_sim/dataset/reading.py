@@ -21,7 +21,7 @@ from periscopy_sim.figures.panels import draw_panels
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics.validation import RANGES
 from periscopy_sim.storage import outputs, rasters
-from periscopy_sim.storage.places import address, bytes_in, place
+from periscopy_sim.storage.places import address, place
 from periscopy_sim.storage.store import MAKING, Records, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
@@ -255,7 +255,6 @@ def describe(path: str | Path) -> dict[str, Any]:
             "finished": sum(map(records.layout.size, records.held())),
             "photograph": list(layout.photograph_shape),
             "hidden": layout.attributes["hidden_shape"],
-            "bytes": bytes_in(path),
             "seed": attributes["configuration"]["seed"],
             "versions": attributes["versions"],
         }

@@ -196,16 +196,13 @@ def unwritable_reported(path: Path) -> Iterator[None]:
 @contextmanager
 def out_of_space_reported(path: Path) -> Iterator[None]:
     """Raise a full disk, met while the block writes, as an `OutputError`; of a store any fault."""
-    if is_remote(path):
-        with unreachable_reported(path):
+    with unreachable_reported(path):
+        try:
             yield
-        return
-    try:
-        yield
-    except (OSError, RuntimeError) as error:  # RuntimeError is OpenEXR's
-        if any(words in str(error) for words in _FULL):
+        except (OSError, RuntimeError) as error:  # RuntimeError is OpenEXR's
+            if not any(words in str(error) for words in _FULL):
+                raise
             raise OutputError(f"cannot write {path}: the disk is full; free some space") from error
-        raise
 
 
 LOCK = ".lock"

@@ -132,15 +132,6 @@ def names_in(folder: Path) -> list[str]:
     return []
 
 
-def bytes_in(folder: Path) -> int:
-    """Return how many bytes the files of a folder, or the objects below a URL have."""
-    if not is_remote(folder):
-        return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    found: Any = folder
-    with unreachable_reported(folder):
-        return sum(each["size"] for each in found.fs.find(found.path, detail=True).values())
-
-
 @contextmanager
 def unreachable_reported(path: Path, *but: type[Exception]) -> Iterator[None]:
     """Raise what a store's library raises, but for some errors, as an `OutputError`."""

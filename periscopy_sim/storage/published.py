@@ -116,14 +116,10 @@ def fetch(name: str, progress: Callable[[int, int], None] | None = None) -> Path
                 progress(number, len(files))
             try:
                 cache.fetch(file)
-            except RequestException as error:
+            except (RequestException, ValueError) as error:  # ValueError: another checksum
                 raise PeriscopyError(
-                    f"{file}: {url} did not send it ({type(error).__name__}); check the network "
-                    "and run this again"
-                ) from None
-            except ValueError:
-                raise PeriscopyError(
-                    f"{file}: checksum mismatch, {url} differs from the published file"
+                    f"{file}: {url} did not send the published file ({type(error).__name__}); "
+                    "check the network and run this again"
                 ) from None
     return Path(cache.abspath)
 
