@@ -9,20 +9,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from periscopy_sim.dataset import samples
 from periscopy_sim.dataset.configuration import Bounced, Configuration, load_configuration
 from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
-from periscopy_sim.dataset.samples import (
-    Backgrounds,
-    Block,
-    GeometryDraw,
-    RenderedGeometry,
-    backgrounds_of,
-    draw_geometry,
-    make_samples,
-    missing_lights,
-    render_geometry,
-    scenario_of,
-)
 from periscopy_sim.errors import ConfigurationError, OutputError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
 from periscopy_sim.numerics.machine import Stage, ahead, core_count, silent, timed
@@ -116,11 +105,11 @@ def make_dataset(
         settings = settings.model_copy(update={"count": count})
     check_place(out, "data set")
     require_vectorized("a data set")
-    draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
-    first = scenario_of(settings, draws[0])
+    draws = [samples.draw_geometry(settings, number) for number in range(settings.geometries)]
+    first = samples.scenario_of(settings, draws[0])
     for draw in {draw.source: draw for draw in reversed(draws)}.values():
         # An error of any scene comes before anything is written.
-        scenario = scenario_of(settings, draw)
+        scenario = samples.scenario_of(settings, draw)
         _check_shape(draw.number, scenario, first.photograph_shape)
         if lights := ", ".join(scenario.scene.lights):
             what = f"{scenario.path}: no photograph has the light of {lights}"
@@ -149,18 +138,18 @@ def make_dataset(
         made = sum(store.layout.size((n,)) for blocks in shares.values() for n in blocks)
         done = layout.count - made
         if planned is not None:
-            rooms = missing_lights(settings, first) if shares else 0
+            rooms = samples.missing_lights(settings, first) if shares else 0
             planned(Work(made, len(shares), rooms, made * layout.sample_bytes))
         maker = _Maker(settings, layout.photograph_shape, store)
         if shares and scheduler is None and estimated is not None:
-            maker.backgrounds = backgrounds_of(settings, first)
+            maker.backgrounds = samples.backgrounds_of(settings, first)
             number, (block, *_) = next(iter(shares.items()))
             of_geometry, geometry = timed(partial(maker.geometry, number))
             together = [(geometry, block)] * core_count()  # as many as run at once
             of_all = timed(lambda: [*ahead(maker.block, together)])[0]
             of_block = of_all / len(together) * sum(map(len, shares.values()))
             estimated((len(shares) - 1) * of_geometry + of_block)
-        maker.backgrounds = backgrounds_of(settings, first, rendering) if shares else {}
+        maker.backgrounds = samples.backgrounds_of(settings, first, rendering) if shares else {}
         for block, values in maker.made(shares, scheduler):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
@@ -194,12 +183,12 @@ class _Maker:
     def __init__(self, settings: Configuration, shape: tuple[int, int], store: BlockStore) -> None:
         self.settings, self.shape = settings, shape
         self.store = store if places.is_shared(store.path) else None
-        self.backgrounds: Backgrounds = {}
-        self._latest: tuple[int, RenderedGeometry] | None = None
+        self.backgrounds: samples.Backgrounds = {}
+        self._latest: tuple[int, samples.RenderedGeometry] | None = None
 
     def made(
         self, shares: Mapping[int, Sequence[int]], scheduler: str | None
-    ) -> Iterator[tuple[int, Block]]:
+    ) -> Iterator[tuple[int, samples.Block]]:
         """Yield blocks with their numbers, geometry by geometry, each where a worker is free."""
         if scheduler is None or not shares:
             # A of a geometry is made here, beside the last photographs of the one before.
@@ -211,7 +200,7 @@ class _Maker:
             for _, blocks in compute(client, _Maker.share, self, shares.items()):
                 yield from blocks
 
-    def share(self, share: tuple[int, Sequence[int]]) -> list[tuple[int, Block]]:
+    def share(self, share: tuple[int, Sequence[int]]) -> list[tuple[int, samples.Block]]:
         """Return the blocks of a geometry."""
         number, blocks = share
         if self.store is not None:
@@ -223,23 +212,23 @@ class _Maker:
             made.append((block, values if self.store is None else {}))
         return made
 
-    def geometry(self, number: int) -> RenderedGeometry:
+    def geometry(self, number: int) -> samples.RenderedGeometry:
         """Return a geometry; the latest one is kept."""
         latest = self._latest  # a worker's threads share it
         if latest is None or latest[0] != number:
-            geometry = render_geometry(self.settings, number)
+            geometry = samples.render_geometry(self.settings, number)
             _check_shape(number, geometry.scenario, self.shape)
             latest = self._latest = number, geometry
         return latest[1]
 
-    def block(self, item: tuple[RenderedGeometry, int]) -> tuple[int, Block]:
+    def block(self, item: tuple[samples.RenderedGeometry, int]) -> tuple[int, samples.Block]:
         """Return the number of a block, and the block."""
         (geometry, number), size = item, self.settings.samples_per_shard
         start, stop = number * size, (number + 1) * size
-        return number, make_samples(self.settings, geometry, self.backgrounds, start, stop)
+        return number, samples.make_samples(self.settings, geometry, self.backgrounds, start, stop)
 
 
-def _labels(settings: Configuration, draws: Sequence[GeometryDraw]) -> dict[str, Label]:
+def _labels(settings: Configuration, draws: Sequence[samples.GeometryDraw]) -> dict[str, Label]:
     """Return each geometry's scene, split and parameters, and the channels' names."""
     variables: dict[str, list[Any]] = {
         "geometry_scene": [Path(settings.scenes[draw.source].scene).stem for draw in draws],

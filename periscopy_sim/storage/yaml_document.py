@@ -3,16 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    Tag,
-    ValidationError,
-    model_validator,
-)
+import pydantic
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
@@ -27,17 +18,17 @@ UNKNOWN = "extra_forbidden"
 """Pydantic's type of a mistake: an entry that a model does not know."""
 
 
-class Strict(BaseModel):
+class Strict(pydantic.BaseModel):
     """A part of a document; an entry that it does not know is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid")
 
-    @model_validator(mode="wrap")
+    @pydantic.model_validator(mode="wrap")
     @classmethod
     def _knows(cls, value: Any, check: Any) -> Any:
         try:
             return check(value)
-        except ValidationError as error:
+        except pydantic.ValidationError as error:
             mistakes: list[Any] = error.errors(include_url=False)
         fields = cls.model_fields.items()
         known = [field.alias or name for name, field in fields if name != "folder"]
@@ -49,7 +40,7 @@ class Strict(BaseModel):
                 each["msg"] = f"is not known; {advice}"
             custom = PydanticCustomError(each["type"], "{text}", {"text": each["msg"]})
             each |= {"type": custom, "input": None}
-        raise ValidationError.from_exception_data(cls.__name__, mistakes)
+        raise pydantic.ValidationError.from_exception_data(cls.__name__, mistakes)
 
 
 def text_of(value: Any) -> str:
@@ -58,21 +49,22 @@ def text_of(value: Any) -> str:
     return text if len(text) < 200 else f"{text[:200]} ..."
 
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Number = Annotated[float, pydantic.Field(strict=True, allow_inf_nan=False)]
 """A finite number, no text or truth value."""
 
 
 def ranged(kind: str) -> Any:
     """Return the limits of a field that is a number of a kind in `RANGES`."""
-    return Field(strict=True, ge=RANGES[kind].least, le=RANGES[kind].most)
+    return pydantic.Field(strict=True, ge=RANGES[kind].least, le=RANGES[kind].most)
 
 
-RowsAndColumns = Annotated[tuple[int, int], BeforeValidator(size_of)]
+RowsAndColumns = Annotated[tuple[int, int], pydantic.BeforeValidator(size_of)]
 """Rows and columns, written as ROWSxCOLUMNS or [ROWS, COLUMNS]."""
 
 Sizes = Annotated[
-    Annotated[RowsAndColumns, Tag("one")] | Annotated[dict[str, RowsAndColumns], Tag("several")],
-    Discriminator(lambda value: "several" if isinstance(value, dict) else "one"),
+    Annotated[RowsAndColumns, pydantic.Tag("one")]
+    | Annotated[dict[str, RowsAndColumns], pydantic.Tag("several")],
+    pydantic.Discriminator(lambda value: "several" if isinstance(value, dict) else "one"),
 ]
 """Rows and columns of the only hidden surface, or of each by its id."""
 
@@ -102,7 +94,7 @@ def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> D
         raise ConfigurationError(f"{path}: is no mapping of entries as the example is")
     try:
         return model.model_validate({**entries, "folder": path.parent.resolve()})
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         # A list whose entry is wrong is too short, too.
         faults = error.errors()
         faults = [each for each in faults if each["type"] != "too_short"] or faults
