@@ -12,6 +12,7 @@ from periscopy_sim.cli import messages, options, output
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import SWEEP, DatasetError, require_all
 from periscopy_sim.storage.outputs import staged_folder
+from periscopy_sim.storage.places import place
 
 if TYPE_CHECKING:
     from periscopy_sim.dataset.make import Work
@@ -20,7 +21,7 @@ _CONFIGURATION = "The configuration; see --example."
 _COUNT = "Samples, instead of the configuration's."
 _SAMPLES = "Numbers and ranges, such as 0,4-7. [default: the first twelve]"
 _DATA = "A data set, as 'periscopy dataset' writes it."
-Archive = Annotated[Path, options.argument("DATA", _DATA, parser=options.place_of)]
+Archive = Annotated[Path, options.argument("DATA", _DATA, parser=str, callback=place)]
 _MODULE = "periscopy_sim.dataset.configuration"
 Example = Annotated[bool, options.example_of(_MODULE, "a commented configuration")]
 

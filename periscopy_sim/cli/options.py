@@ -137,15 +137,7 @@ Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
 ResumedFolder = Annotated[Path, option("FOLDER", _RESUMED, group=OUTPUT)]
 
 
-def place_of(text: str) -> Path:
-    """Return the place that a path or a URL names."""
-    try:
-        return place(text)
-    except PeriscopyError as error:
-        raise typer.BadParameter(str(error)) from error
-
-
-Store = Annotated[Path, option("FOLDER", _STORE, group=OUTPUT, parser=place_of)]
+Store = Annotated[Path, option("FOLDER", _STORE, group=OUTPUT, parser=str, callback=place)]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 Seed = Annotated[int, option("NUMBER", group=EXPERT, kind="seed")]
 Snr = Annotated[float, option("DB", kind="decibels")]

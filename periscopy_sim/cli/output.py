@@ -284,9 +284,7 @@ def show_parts(**numbers: int) -> None:
 def show_time(seconds: float, *apart: str) -> None:
     """Print how long a command takes, but for what is apart."""
     record(estimated_seconds=round(seconds))
-    number, unit = max(float(f"{seconds:.2g}"), 1.0), "s"
-    for unit_seconds, name in ((3600, "hours"), (60, "minutes")):
-        if seconds > 1.5 * unit_seconds:
-            number, unit = float(f"{seconds / unit_seconds:.2g}"), name
-            break
+    units = {"hours": 3600, "minutes": 60, "s": 1}
+    unit = next((name for name, size in units.items() if seconds > 1.5 * size), "s")
+    number = max(float(f"{seconds / units[unit]:.2g}"), 1.0)
     say(" and ".join([f"about {number:g} {unit}", *apart]))

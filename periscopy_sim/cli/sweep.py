@@ -24,6 +24,7 @@ from periscopy_sim.figures import style, sweeps
 from periscopy_sim.numerics.validation import RANGES, in_range, number_of
 from periscopy_sim.shipped import DARK
 from periscopy_sim.storage import formats, outputs
+from periscopy_sim.storage.places import place
 from periscopy_sim.storage.store import attributes_of
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
         value = given[each.name]
         parts = value if isinstance(value, dict) else {}
         whole = {each.name: value, **{f"{each.name}: {name}": part for name, part in parts.items()}}
-        if empty := [name for name, part in whole.items() if part in (None, "", [], {})]:
+        if empty := [name for name, part in whole.items() if part in ("", [], {})]:
             raise ConfigurationError(f"{file}: {empty[0]}: give a value, or leave the entry out")
         if parts and not each.multiple:
             raise ConfigurationError(f"{file}: {each.name}: give a value, or a list")
@@ -345,7 +346,7 @@ PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 
 def plot(
-    folder: Annotated[Path, options.argument("SWEEP", _SWEEP, parser=options.place_of)],
+    folder: Annotated[Path, options.argument("SWEEP", _SWEEP, parser=str, callback=place)],
     out: Annotated[Path, options.option("FILE", _OUT, group=options.OUTPUT)],
     metric: Annotated[str, options.option("NAME", _METRIC)] = "psnr",
     over: Annotated[str, options.option("AXIS", _OVER)] = "",

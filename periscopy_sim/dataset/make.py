@@ -1,6 +1,5 @@
 """Make a data set: blocks that it lacks, on this machine or on Dask workers."""
 
-import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Any
 from periscopy_sim.dataset import samples
 from periscopy_sim.dataset.configuration import Bounced, Configuration, load_configuration
 from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
-from periscopy_sim.errors import ConfigurationError, OutputError
+from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
 from periscopy_sim.numerics.machine import Stage, ahead, core_count, silent, timed
 from periscopy_sim.rendering.variant import require_vectorized
@@ -157,10 +156,6 @@ def make_dataset(
                 store.write((block,), values)
             done += store.layout.size((block,))
         report(done, layout.count)
-        if len(store.records.blocks()) < math.prod(store.layout.grid):
-            raise OutputError(
-                f"{out}: workers wrote elsewhere; give a folder that all machines have there"
-            )
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
     return Made(layout.count, made, len(shares), tuple(empty))
