@@ -69,9 +69,10 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
             raise ConfigurationError(f"{file}: {empty[0]}: give a value, or leave the entry out")
         if parts and not each.multiple:
             raise ConfigurationError(f"{file}: {each.name}: give a value, or a list")
-        context.default_map[each.name] = _entries(value) if each.multiple else _words(value)
+        texts = _texts(value)
+        context.default_map[each.name] = texts if each.multiple else ",".join(texts)
         if isinstance(value, dict):
-            each.callback = partial(_joined, context.default_map[each.name])
+            each.callback = partial(_joined, texts)
     return file
 
 
@@ -83,16 +84,11 @@ def _joined(study: list[str], _context: Any, _option: Any, given: list[str]) -> 
     return [*(entry for entry in study if entry.partition("=")[0] not in names), *given]
 
 
-def _entries(value: Any) -> list[str]:
-    """Return what an option that is repeated is given."""
+def _texts(value: Any) -> list[str]:
+    """Return what an option is given, repeated."""
     if isinstance(value, dict):
-        return [f"{name}={_words(each)}" for name, each in value.items()]
-    return [_words(each) for each in (value if isinstance(value, list) else [value])]
-
-
-def _words(value: Any) -> str:
-    """Return what an option is given once."""
-    return ",".join(map(str, value if isinstance(value, list) else [value]))
+        return [f"{name}={','.join(_texts(each))}" for name, each in value.items()]
+    return [*map(str, value)] if isinstance(value, list) else [str(value)]
 
 
 _STUDY = "YAML with these, SCENE and --out too; the command line's count first."
