@@ -125,15 +125,9 @@ def _linear_light(path: str | Path, encoding: str | None = None) -> tuple[Pictur
     if encoding == SRGB:
         white = np.iinfo(values.dtype).max
         values, full = srgb_light(values), (values == white).any(axis=2)
-        warnings.append(
-            f"{path}: {kind}, decoded by the sRGB curve; save linear data as 16-bit PNG or TIFF, "
-            "EXR or NPY"
-        )
-    elif encoding == GAMMA or (encoding is None and is_8_bits):
-        warnings.append(
-            f"{path}: {kind}, taken as linear light, though such files often are gamma-encoded; "
-            "if this one is, export linear light"
-        )
+    if encoding in (SRGB, GAMMA) or (encoding is None and is_8_bits):
+        how = "decoded by the sRGB curve" if encoding == SRGB else "taken as linear light"
+        warnings.append(f"{path}: {kind}, {how}; if it is not so, export linear light as EXR")
     return replace(picture, values=values, encoding=encoding, saturated=full), warnings
 
 

@@ -138,7 +138,8 @@ def decode_exr(path: Path, _: str = "") -> Picture:
             columns, rows = (int(side) + 1 for side in np.subtract(high, low, dtype=np.int64))
             check_budget((rows, columns, len(head["channels"])), path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            # Without parts, as OpenEXR reports pixels that it cannot read, this is an IndexError.
+            if not file.parts:  # so OpenEXR reports pixels that it cannot read
+                raise ValueError("its pixels are cut short or damaged")
             header, channels = file.parts[0].header, file.parts[0].channels
             if count > 1 or header["type"].name not in ("scanlineimage", "tiledimage"):
                 raise PhotographError(f"{path}: has several parts or is deep; save one flat image")
