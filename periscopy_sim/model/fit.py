@@ -574,11 +574,6 @@ class Fit:
         self._check_size(photographs.shape)
         values = photographs.reshape(len(photographs), self.A.shape[0], photographs.shape[-1])
         planes = np.moveaxis(values[:, self.kept], -1, 1)
-        if planes.shape[1] == 4 and planes[:, 3].any() and not np.ptp(planes[:, 3]):
-            raise InputError(
-                "the photograph's fourth channel is the same everywhere, as transparency is; leave "
-                "it out: photograph[..., :3]"
-            )
         grey = np.divide(planes, self.gain(planes.shape[1]).T, order="C", dtype=np.float64)
         if not np.isfinite(grey).all():
             raise InputError("the photograph must be finite")

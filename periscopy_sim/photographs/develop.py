@@ -129,8 +129,8 @@ def defective_pixels(
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 
-def saturated_pixels(photograph: NDArray[Any]) -> Mask:
-    """Return where a finite (rows, columns, channels) photograph is saturated.
+def plateaus(photograph: NDArray[Any], name: str) -> list[str]:
+    """Return a line about a plateau at the top of a photograph whose saturation nobody declares.
 
     The test is that of `defective_pixels`; a black level must not be subtracted unevenly before.
     """
@@ -139,12 +139,7 @@ def saturated_pixels(photograph: NDArray[Any]) -> Mask:
         _saturated(each, everywhere, *np.unique(each, return_counts=True))
         for each in np.moveaxis(photograph, -1, 0)
     ]
-    return np.asarray(np.any(channels, axis=0))
-
-
-def plateaus(photograph: NDArray[Any], name: str) -> list[str]:
-    """Return a line about a plateau at the top of a photograph whose saturation nobody declares."""
-    if not (plateau := saturated_pixels(photograph)).any():
+    if not (plateau := np.any(channels, axis=0)).any():
         return []
     top = photograph[plateau].max(axis=1).min()
     return [
