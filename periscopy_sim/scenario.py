@@ -411,11 +411,6 @@ class Scenario(Geometry):
             judgement.check_rank(self, fitted, None if photograph is None else photograph.pixels)
             return fitted
 
-        if not hasattr(errors or {}, "items"):
-            kind = type(errors).__name__
-            raise PeriscopyError(
-                f"errors are of type {kind}: give a dictionary of names and errors"
-            )
         known = None if errors is None else tuple(sorted(errors.items()))
         key = (
             # A factory may have no hash; what is kept of it keeps its id.

@@ -26,7 +26,8 @@ LONGEST = 4.0
 """Ratio of sides up to which pictures keep theirs; the patches of a longer one are stretched."""
 
 ABREAST, LEAST, TALLEST = 3, 0.8, 2.2
-"""Panels side by side in a column, and inches that they are high at least and at most."""
+"""Panels side by side in a column, and inches that they are high at least, in the mean, and at
+most."""
 
 GAP, BAR = 0.08, 0.65
 """Inches between panels, and of a colour bar with its numbers and its label."""
@@ -149,21 +150,6 @@ def show_signed(
     axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.9, label=unit)
 
 
-def lines_of(widths: Sequence[float], room: float) -> list[range]:
-    """Return which panels of a row stand in each line, so that none is too low for its title.
-
-    The widths are over the panels' common height, the room in the same unit as `LEAST`.
-    """
-    count = len(widths)
-    for lines in range(1, count + 1):
-        columns = -(-count // lines)
-        parts = [range(k, min(k + columns, count)) for k in range(0, count, columns)]
-        lowest = min(room / sum(widths[k] for k in part) for part in parts)
-        if columns == 1 or (columns <= ABREAST and lowest >= LEAST):
-            break
-    return parts
-
-
 def show_rows(figure: Any, rows: Rows) -> None:
     """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles, in named rows.
 
@@ -173,8 +159,10 @@ def show_rows(figure: Any, rows: Rows) -> None:
     lines = list((rows if isinstance(rows, Mapping) else {"": rows}).items())
     if len(lines) == 1:
         ((_, panels),) = lines
-        parts = lines_of([proportions(picture) for _, picture in panels], style.COLUMN)
-        lines = [("", [panels[k] for k in part]) for part in parts]
+        width = np.mean([proportions(picture) for _, picture in panels])
+        columns = int(np.clip(style.COLUMN / (LEAST * width), 1, ABREAST))
+        columns = -(-len(panels) // -(-len(panels) // columns))  # even lines
+        lines = [("", panels[k : k + columns]) for k in range(0, len(panels), columns)]
     aspects = [[proportions(picture) for _, picture in panels] for _, panels in lines]
     columns = max(map(len, aspects))
     ratios = [max(each[k] for each in aspects if len(each) > k) for k in range(columns)]

@@ -47,9 +47,6 @@ NOISE_PIXELS = 2**18
 GAUSSIAN = 1.4826
 """Standard deviation of Gaussian noise over its median absolute deviation."""
 
-BLOCK = 2**16
-"""Pixels that are compared at a time."""
-
 AROUND = sorted(product(range(-2, 3), repeat=2), key=lambda step: max(map(abs, step)))[1:]
 """Rows and columns from a pixel to the 24 around it, the 8 beside it first."""
 
@@ -221,16 +218,13 @@ def _dead_and_hot(channel: Array, valid: Mask, levels: Array) -> NDArray[np.bool
 
 def _peaks(light: Array, sides: Sequence[NDArray[np.intp]], least: float) -> NDArray[np.intp]:
     """Return the places of light that exceeds all of one side, or of the other, by `least`."""
-    edge, places = int(np.max(sides)), []
-    for start in range(edge, len(light) - edge, BLOCK):  # whole arrays would not stay in the cache
-        stop = min(start + BLOCK, len(light) - edge)
-        highest = [
-            reduce(np.maximum, (light[start + each : stop + each] for each in side))
-            for side in sides
-        ]
-        exceeds = np.minimum(*highest) < light[start:stop] - least
-        places.append(start + np.flatnonzero(exceeds))
-    return np.concatenate(places)
+    edge = int(np.max(sides))
+    inside = slice(edge, len(light) - edge)
+    highest = [
+        reduce(np.maximum, (light[edge + each : len(light) - edge + each] for each in side))
+        for side in sides
+    ]
+    return edge + np.flatnonzero(np.minimum(*highest) < light[inside] - least)
 
 
 def _medians(values: Array) -> Array:
