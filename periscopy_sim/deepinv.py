@@ -16,7 +16,7 @@ import numpy as np
 from periscopy_sim.adapters import TorchTransport
 from periscopy_sim.errors import require
 from periscopy_sim.model.fit import Fit
-from periscopy_sim.numerics import Image
+from periscopy_sim.numerics import Image, validation
 
 torch = require("torch")
 if TYPE_CHECKING:
@@ -89,10 +89,8 @@ class Periscopy(physics.LinearPhysics):  # type: ignore[misc]  # deepinv has no 
         seed: int = 0,
         device: Any = "cpu",
     ) -> None:
-        if snr is not None and not np.isfinite(snr):
-            raise ValueError(f"the signal-to-noise ratio must be finite, not {snr} dB")
-        if not (np.isfinite(sbr) and sbr > 0):
-            raise ValueError(f"the signal-to-background ratio must be positive, not {sbr}")
+        validation.checked("snr", [] if snr is None else snr, "decibels")
+        validation.checked("sbr", sbr, "ratio")
         light = TorchTransport(transport, scene)
         b, shape = None, (*light.photograph_shape, len(light.gain))
         if ambient is not None:

@@ -7,6 +7,7 @@ installed is such an error, too: `require` imports its libraries where they are 
 import os
 import re
 from collections.abc import Iterable
+from difflib import SequenceMatcher
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -92,43 +93,24 @@ def in_words(message: str) -> str:
     return message
 
 
+LIKE = 0.6
+"""Likeness, difflib's ratio, from which on a name may be meant by another."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the question for what is most like an unknown name; empty where nothing is.
+    """Return the question for the known name most like another; empty where none is.
 
-    A third of its letters may differ; its words may stand in another order, or be its beginning.
+    The order of words does not matter, and a name's beginning is like the name.
     """
-    name, nearest, least = name.lower(), "", len(name) // 3 + 1
-    for each in known:
-        other = each.lower()
-        far = len(other) - len(name)
-        if other.startswith(name) and len(name) > 2:
-            edits = 1
-        elif abs(far) >= least:
-            continue
-        else:
-            ways = ((name, other), tuple(" ".join(sorted(_PARTS.split(n))) for n in (name, other)))
-            edits = min(_edits(*way) for way in ways)
-        if edits < least:
-            nearest, least = each, edits
-    return f"did you mean '{nearest}'?" if nearest else ""
 
+    def likeness(other: str) -> float:
+        if len(name) > 2 and other.lower().startswith(name.lower()):
+            return 1.0
+        one, two = (" ".join(sorted(re.split("[^a-z0-9]+", n.lower()))) for n in (name, other))
+        return SequenceMatcher(None, one, two).ratio()
 
-_PARTS = re.compile(r"[^a-z0-9]+")
-"""What stands between the words of a name."""
-
-
-def _edits(one: str, other: str) -> int:
-    """Return how many letters change, come, go or swap with the next from one text to another."""
-    rows: list[list[int]] = [[*range(len(other) + 1)]]
-    for i, letter in enumerate(one, 1):
-        row = [i]
-        for j, wanted in enumerate(other, 1):
-            ways = [rows[-1][j] + 1, row[-1] + 1, rows[-1][j - 1] + (letter != wanted)]
-            if i > 1 and j > 1 and (letter, one[i - 2]) == (other[j - 2], wanted):
-                ways.append(rows[-2][j - 2] + 1)
-            row.append(min(ways))
-        rows.append(row)
-    return rows[-1][-1]
+    nearest = max(known, key=likeness, default="")
+    return f"did you mean '{nearest}'?" if nearest and likeness(nearest) > LIKE else ""
 
 
 def path_fault(path: str | os.PathLike[str]) -> str:

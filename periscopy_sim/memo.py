@@ -79,7 +79,8 @@ class Memo:
                         make = partial(folder.get, key, make, kind)
                 self._kept[key] = make(), size
                 for each in _arrays_of(self._kept[key][0]).values():
-                    read_only(each)
+                    if isinstance(each, np.ndarray):
+                        each.setflags(write=False)
             made: Made = self._kept[key][0]
             return made
 
@@ -137,13 +138,6 @@ class ArrayFolder:
                 if total > self.most_bytes:
                     each.unlink(missing_ok=True)
         return made
-
-
-def read_only(values: Made) -> Made:
-    """Return an array that a memo keeps, so that nobody writes into it; a number as it is."""
-    if isinstance(values, np.ndarray):
-        values.setflags(write=False)
-    return values
 
 
 def light_cache() -> ArrayFolder:

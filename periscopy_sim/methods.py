@@ -10,7 +10,7 @@ import runpy
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -208,15 +208,6 @@ def label_of(name: Name) -> str:
 def entry_of(name: Name) -> MethodEntry | None:
     """Return the entry of a method in `METHODS`; None for a user's own."""
     return METHODS.get(label_of(name))
-
-
-def key_of(name: Name) -> Hashable:
-    """Return a method's name, or a factory; of one without a hash its id, while it lives."""
-    try:
-        hash(name)
-    except TypeError:
-        return id(name)
-    return name
 
 
 def _file_of(name: Name) -> Path | None:

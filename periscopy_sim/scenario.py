@@ -14,7 +14,7 @@ from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.light import Light
 from periscopy_sim.measurement import TARGET, add_noise, composite, composite_error, noise_to_signal
-from periscopy_sim.memo import Memo, light_cache, read_only
+from periscopy_sim.memo import Memo, light_cache
 from periscopy_sim.numerics import Array, Image, validation
 from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.photograph import ColourMatrix, Photograph
@@ -196,21 +196,15 @@ class Scenario(Geometry):
         """
         from periscopy_sim.storage.pictures import read_hidden_image
 
-        hidden, shapes = self.hidden, self.hidden.shapes
+        hidden = self.hidden
         by_id = image if isinstance(image, Mapping) else dict.fromkeys(hidden, image)
-        given = {
-            n: find_image(e) if validation.is_name(e) else e for n, e in hidden.by_id(by_id).items()
+        pictures = {
+            name: read_hidden_image(
+                find_image(each) if validation.is_name(each) else each, hidden[name].shape
+            )
+            for name, each in hidden.by_id(by_id).items()
         }
-
-        def make() -> Any:
-            pictures = {n: read_hidden_image(given[n], shapes[n]) for n in hidden}
-            return hidden.unwrapped({n: read_only(each) for n, each in pictures.items()})
-
-        if not all(map(validation.is_name, given.values())):
-            return make()
-        changed = [file.stat().st_mtime_ns for file in given.values()]
-        key = "image", *given.items(), *shapes.values(), *changed
-        return self.memo.get(key, make, 24 * hidden.patches)
+        return hidden.unwrapped(pictures)
 
     def ambient(
         self, light: Any, *, target: float = TARGET, progress: Stage = silent
@@ -399,7 +393,7 @@ class Scenario(Geometry):
             If it cannot be fitted.
         """
         from periscopy_sim import judgement
-        from periscopy_sim.methods import entry_of, fit_method, key_of, label_of, source_sha256
+        from periscopy_sim.methods import entry_of, fit_method, label_of, source_sha256
         from periscopy_sim.rendering.bounced import channels_mean
 
         source = source_sha256(name)  # rejects what is no method before anything is rendered
@@ -417,14 +411,11 @@ class Scenario(Geometry):
             judgement.check_rank(self, fitted, None if photograph is None else photograph.pixels)
             return fitted
 
-        if not hasattr(errors or {}, "items"):
-            kind = type(errors).__name__
-            raise PeriscopyError(
-                f"errors are of type {kind}: give a dictionary of names and errors"
-            )
         known = None if errors is None else tuple(sorted(errors.items()))
         key = (
-            *("method", key_of(name), source, self.digest, self.seed, plan, conditions),
+            # A factory may have no hash; what is kept of it keeps its id.
+            *("method", name if isinstance(name, str) else id(name), source, self.digest),
+            *(self.seed, plan, conditions),
             *(self._light_key, known, *sorted(settings.items())),
         )
         entry = entry_of(name) or METHODS[DEFAULT]

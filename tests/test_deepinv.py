@@ -97,5 +97,5 @@ def test_light_and_noise_are_of_the_photograph_before_backgrounds_are_projected_
 @pytest.mark.torch
 @pytest.mark.parametrize("given", [{"sbr": 0.0}, {"snr": np.inf}, {"ambient": np.ones((2, 2, 3))}])
 def test_bad_numbers_are_refused(make, given):
-    with pytest.raises(ValueError, match=r"must be|ambient light is"):
+    with pytest.raises(ValueError, match=r"snr|sbr|ambient light is"):
         make(**given)

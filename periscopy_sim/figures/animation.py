@@ -21,10 +21,8 @@ from periscopy_sim.figures.panels import (
     draw_panels,
     enlarged,
     exposed,
-    lines_of,
     write_enlarged,
 )
-from periscopy_sim.figures.style import COLUMN
 from periscopy_sim.numerics import Image
 from periscopy_sim.storage.outputs import staged_file
 from periscopy_sim.storage.pictures import area_average
@@ -103,7 +101,7 @@ def _write_movie(path: Path, pictures: Iterator[Pixels], rate: float, text: dict
 
 
 def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
-    """Return panels of linear images on white, (rows, columns, 3), each centred under its title.
+    """Return a row of linear images on white, (rows, columns, 3), each centred under its title.
 
     The images are (rows, columns, 3) in [0, 1]; NaN is hatched.
     """
@@ -116,22 +114,14 @@ def side_by_side(titles: Sequence[str], images: Sequence[Image]) -> Pixels:
         max(p.width, int(np.ceil(font.getlength(t)))) for t, p in zip(titles, panels, strict=True)
     ]
     height = max(panel.height for panel in panels)
-    lines = lines_of([width / height for width in widths], COLUMN)
-    shape = (
-        max(sum(widths[k] + 2 * gap for k in line) for line in lines),
-        len(lines) * (height + 5 * gap),
-    )
-    sheet = Pillow.new("RGB", shape, "white")
+    shape = sum(widths) + 2 * gap * len(widths), height + 5 * gap
+    sheet, left = Pillow.new("RGB", shape, "white"), gap
     draw = ImageDraw.Draw(sheet)
-    for number, line in enumerate(lines):
-        left, top = gap, number * (height + 5 * gap)
-        for k in line:
-            panel, middle = panels[k], left + widths[k] / 2
-            draw.text((middle, top + 2 * gap), titles[k], "black", font, anchor="mm")
-            sheet.paste(
-                panel, (int(middle - panel.width / 2), top + 4 * gap + (height - panel.height) // 2)
-            )
-            left += widths[k] + 2 * gap
+    for title, panel, width in zip(titles, panels, widths, strict=True):
+        middle, top = left + width / 2, 4 * gap + (height - panel.height) // 2
+        draw.text((middle, 2 * gap), title, "black", font, anchor="mm")
+        sheet.paste(panel, (int(middle - panel.width / 2), top))
+        left += width + 2 * gap
     return np.asarray(sheet)
 
 

@@ -93,9 +93,8 @@ def _draw_maps(
     (axes,) = figure.subplots(1, len(shown), sharey=True, squeeze=False)
     figure.legend(handles=_marks(), ncols=3, loc="outside upper center", columnspacing=1)
     x, y = (np.unique(_values(rows[1:], name)) for name in (across, up))
-    titles = style.balanced([DRAWN[number] for number in shown], [2.9 / len(shown)] * len(shown))
-    for ax, number, title in zip(axes, shown, titles, strict=True):
-        ax.set(facecolor=GREY, title=title)
+    for ax, number in zip(axes, shown, strict=True):
+        ax.set(facecolor=GREY, title=style.wrapped(DRAWN[number], 2.9 / len(shown)))
         values = style.positive(_percent(rows[1:], number)).reshape(len(x), len(y)).T
         picture = ax.pcolormesh(x, y, values, norm=style.log_norm(values), cmap="viridis_r")
         if np.isnan(values).all():

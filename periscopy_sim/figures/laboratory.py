@@ -1,6 +1,5 @@
 """A laboratory's wall, plan and side view, to scale, with the names and measures of its things."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable
 from itertools import pairwise
@@ -11,7 +10,6 @@ import numpy as np
 
 from periscopy_sim.figures.space import show_space
 from periscopy_sim.figures.style import NO_BREAK, OKABE_ITO, PAGE, STYLE, mpl
-from periscopy_sim.hidden import Surface
 from periscopy_sim.numerics import Array, validation
 from periscopy_sim.rendering.survey import Solid, Survey
 from periscopy_sim.rendering.variant import require_vectorized
@@ -32,10 +30,6 @@ COVERING = 0.15
 
 FLAT = 0.9999
 """Length of the mean normal of a surface that counts as flat; a curved one has a shorter."""
-
-EVEN = 0.01
-"""Standard deviation of the middles of a curved surface's parts, over their radius, up to which
-these are one: facets turn their normals."""
 
 TOUCHING = 1e-3
 """Metres from the wall up to which a thing stands on it."""
@@ -116,14 +110,13 @@ class RoomPlan:
 
 
 def groups_of(solids: Iterable[Solid]) -> dict[str, Array]:
-    """Return points of the solids by name; solids whose names share their first words are one."""
+    """Return points of the solids by name; solids whose names share their first word are one."""
     points = {solid.name: solid.points for solid in solids}
-    stems = {n: [n[: end.start()] for end in re.finditer("_", n)] for n in points}
-    count = Counter(stem for each in stems.values() for stem in each)
+    count = Counter(name.partition("_")[0] for name in points)
     groups: dict[str, list[Array]] = {}
-    for name, each in stems.items():
-        shared = (stem for stem in each if count[stem] > 1 and stem not in points)
-        groups.setdefault(next(shared, name), []).append(points[name])
+    for name, each in points.items():
+        stem = name.partition("_")[0]
+        groups.setdefault(stem if count[stem] > 1 and stem not in points else name, []).append(each)
     return {name: np.concatenate(parts) for name, parts in groups.items()}
 
 
@@ -148,7 +141,7 @@ def facts(layout: RoomPlan) -> list[str]:
         (rows, columns), known = surface.shape, "Monitor" if name == MONITOR else name
         facing = surface.normals.mean(axis=0)
         if np.linalg.norm(facing) < FLAT:  # its distance may be a choice, so none is printed
-            lines.append(f"{known}: {_sphere(surface, survey.corners[name]) or 'curved'}.")
+            lines.append(f"{known}: curved.")
             continue
         wide = columns * np.linalg.norm(surface.across, axis=1).mean()
         high = rows * np.linalg.norm(surface.up, axis=1).mean()
@@ -179,25 +172,6 @@ def facts(layout: RoomPlan) -> list[str]:
         what = " (and width x height of the penumbra of an edge)" if flat else ""
         lines.append(f"Distance of occluders from the wall{what}: {', '.join(distances)}.")
     return lines
-
-
-def _sphere(surface: Surface, corners: Array) -> str:
-    """Return the middle, radius and directions of a part of a sphere; empty of another form."""
-    facing, centers = surface.normals, surface.centers
-    even = facing - facing.mean(axis=0)
-    radius = -float(np.sum(even * centers) / np.sum(even**2))
-    middles = centers + radius * facing
-    if middles.std(axis=0).max() > EVEN * abs(radius):
-        return ""
-    middle = middles.mean(axis=0)
-    x, y, z = np.moveaxis(corners - middle, -1, 0)
-    angles = np.unwrap(np.arctan2(y, x)), np.arctan2(z, np.hypot(x, y))
-    ends = [np.degrees([each.min(), each.max()]).round().astype(int) for each in angles]
-    ends[0] -= 360 * (ends[0][0] // 360) * (ends[0][1] >= 360)
-    names = "azimuth from x", "elevation"
-    ways = ", ".join(f"{n} {low} to {high}°" for n, (low, high) in zip(names, ends, strict=True))
-    place = ", ".join(f"{each + 0.0:.2f}" for each in middle.round(2))
-    return f"{ways} of a sphere about ({place}) m, of {abs(radius):.2g} m radius"
 
 
 def turn_and_tilt(direction: Array, ahead: Array) -> str:

@@ -26,10 +26,14 @@ LONGEST = 4.0
 """Ratio of sides up to which pictures keep theirs; the patches of a longer one are stretched."""
 
 ABREAST, LEAST, TALLEST = 3, 0.8, 2.2
-"""Panels side by side in a column, and inches that they are high at least and at most."""
+"""Panels side by side in a column, and inches that they are high at least, in the mean, and at
+most."""
 
 GAP, BAR = 0.08, 0.65
 """Inches between panels, and of a colour bar with its numbers and its label."""
+
+NARROWER = 0.95
+"""Fraction of a figure's width that panels have beside gaps and names."""
 
 CERTAINTY = 0.3, 100.0
 """Ends of the scale of standard errors, in percent of white."""
@@ -146,21 +150,6 @@ def show_signed(
     axes[0].figure.colorbar(picture, ax=list(axes), shrink=0.9, label=unit)
 
 
-def lines_of(widths: Sequence[float], room: float) -> list[range]:
-    """Return which panels of a row stand in each line, so that none is too low for its title.
-
-    The widths are over the panels' common height, the room in the same unit as `LEAST`.
-    """
-    count = len(widths)
-    for lines in range(1, count + 1):
-        columns = -(-count // lines)
-        parts = [range(k, min(k + columns, count)) for k in range(0, count, columns)]
-        lowest = min(room / sum(widths[k] for k in part) for part in parts)
-        if columns == 1 or (columns <= ABREAST and lowest >= LEAST):
-            break
-    return parts
-
-
 def show_rows(figure: Any, rows: Rows) -> None:
     """Show pictures, (rows, columns, 3) in sRGB, side by side under their titles, in named rows.
 
@@ -170,44 +159,33 @@ def show_rows(figure: Any, rows: Rows) -> None:
     lines = list((rows if isinstance(rows, Mapping) else {"": rows}).items())
     if len(lines) == 1:
         ((_, panels),) = lines
-        parts = lines_of([proportions(picture) for _, picture in panels], style.COLUMN)
-        lines = [("", [panels[k] for k in part]) for part in parts]
+        width = np.mean([proportions(picture) for _, picture in panels])
+        columns = int(np.clip(style.COLUMN / (LEAST * width), 1, ABREAST))
+        columns = -(-len(panels) // -(-len(panels) // columns))  # even lines
+        lines = [("", panels[k : k + columns]) for k in range(0, len(panels), columns)]
     aspects = [[proportions(picture) for _, picture in panels] for _, panels in lines]
     columns = max(map(len, aspects))
     ratios = [max(each[k] for each in aspects if len(each) > k) for k in range(columns)]
     width = style.COLUMN if columns <= ABREAST else style.PAGE
-    gap = 4 * GAP if any(_is_strip(each) for _, panels in lines for _, each in panels) else GAP
-    room = width - (columns + 1) * gap
-
-    def fitted(room: float) -> tuple[Array, list[float]]:
-        """Return the panels' widths and the rows' heights that a width has room for."""
-        slots = min(room / sum(ratios), TALLEST) * np.array(ratios)
-        return slots, [min([TALLEST, *(slots[: len(each)] / each)]) for each in aspects]
-
-    labels = [
-        style.wrapped(name, tall) for (name, _), tall in zip(lines, fitted(room)[1], strict=True)
-    ]
-    names = style.LINE * max(len(label.split("\n")) for label in labels) if labels[0] else 0
-    room -= names
-    slots, heights = fitted(room)
-    middles = names + gap + (room - slots.sum()) / 2 + np.cumsum(slots + gap) - gap - slots / 2
+    slots = min(NARROWER * width / sum(ratios), TALLEST) * np.array(ratios)
+    heights = [min([TALLEST, *(slots[: len(each)] / each)]) for each in aspects]
     titles = [
-        style.balanced([t for t, _ in panels], slots.tolist()[: len(panels)]) for _, panels in lines
+        [style.wrapped(t, slot) for (t, _), slot in zip(panels, slots, strict=False)]
+        for _, panels in lines
     ]
-    above = [gap + style.LINE * max(len(t.split("\n")) * bool(t) for t in line) for line in titles]
-    height = bottom = sum(heights) + sum(above) + gap
-    figure.set_layout_engine("none")
-    figure.set_size_inches(width, height)
-    for k, (_, panels) in enumerate(lines):
-        bottom -= heights[k] + above[k]
-        for middle, aspect, title, panel in zip(
-            middles, aspects[k], titles[k], panels, strict=False
-        ):
-            across = aspect * heights[k] / width
-            box = middle / width - across / 2, bottom / height, across, heights[k] / height
-            show(figure.add_axes(box), title, panel[1])
-        side = {"rotation": 90, "ha": "center", "va": "center", "multialignment": "center"}
-        figure.text(names / 2 / width, (bottom + heights[k] / 2) / height, labels[k], **side)
+    above = [style.LINE * max(len(t.split("\n")) for t in each) + GAP for each in titles]
+    figure.set_layout_engine("compressed", w_pad=GAP / 2, h_pad=GAP / 2, wspace=0, hspace=0)
+    figure.set_size_inches(width, sum(heights) + sum(above))
+    grid: Any = {"width_ratios": ratios, "height_ratios": heights, "squeeze": False}
+    axes = figure.subplots(len(lines), columns, **grid)
+    side = {"rotation": 90, "ha": "right", "va": "center", "multialignment": "center"}
+    for line, (name, panels), height, row in zip(axes, lines, heights, titles, strict=True):
+        for ax, title, (_, picture) in zip(line, row, panels, strict=False):
+            show(ax, title, picture)
+        for ax in line[len(panels) :]:
+            ax.remove()
+        name = style.wrapped(name, height)
+        line[0].text(-0.05, 0.5, name, transform=line[0].transAxes, **side)
 
 
 def draw_panels(

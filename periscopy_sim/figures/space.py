@@ -123,9 +123,8 @@ def _project(points: Array, eye: Array, axes: Array) -> Array:
 def _eye(survey: Survey, surfaces: Mapping[str, Surface], points: Array) -> tuple[Array, Array]:
     """Return the best of many places about the scene, (3,), and right, up and ahead there, (3, 3).
 
-    From there what is seen worst is seen best: the photograph, from either side, each hidden
-    surface's front, and the occluders, by its area in the picture over its own, and of the
-    occluders over the largest from any place.
+    From there what is seen worst is seen best: the photograph, from either side, and each hidden
+    surface's front, by its area in the picture over its own.
     """
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = float(np.linalg.norm(points - middle, axis=1).max())
@@ -141,17 +140,13 @@ def _eye(survey: Survey, surfaces: Mapping[str, Surface], points: Array) -> tupl
     axes = np.stack([right, np.cross(ways, right), -ways], axis=1)
     slopes = np.stack(np.meshgrid(LOOK, LOOK), axis=-1).reshape(-1, 2)
     rays = axes[:, None, 2] + slopes @ axes[:, :2]
-    kinds = np.array([[*surfaces, name].index(name) for name in survey.names])
-    areas = np.zeros((len(surfaces) + 1, len(eyes)))  # the last is that of all occluders
+    areas = np.zeros((len(survey.names), len(eyes)))
+    places = [survey.names.index(name) for name in surfaces]
     for met in _met(survey, surfaces, np.repeat(eyes, len(slopes), axis=0), rays.reshape(-1, 3)):
-        kind = kinds[met.shapes]
-        seen = met.weights * ((met.facing < 0) | (kind == 0) | (kind == len(surfaces)))
-        np.add.at(areas, (kind, met.rays // len(slopes)), seen)
-    cell = (DISTANCE * radius * (LOOK[1] - LOOK[0])) ** 2  # that a ray stands for
+        seen = met.weights * ((met.facing < 0) | (met.shapes == places[0]))
+        np.add.at(areas, (met.shapes, met.rays // len(slopes)), seen)
     whole = [np.linalg.norm(np.cross(s.across, s.up), axis=1).sum() for s in surfaces.values()]
-    whole.append(cell * max(areas[-1].max(), 1.0))
-    shares = cell * areas / np.array(whole)[:, None]
-    best = np.argmax(np.min(shares[: len(surfaces) + bool(survey.solids)], axis=0))
+    best = np.argmax(np.min(areas[places] / np.array(whole)[:, None], axis=0))
     return eyes[best], axes[best]
 
 

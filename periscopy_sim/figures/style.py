@@ -3,7 +3,7 @@
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -87,16 +87,6 @@ def wrapped(text: str, inches: float) -> str:
     return "\n".join(lines).replace(NO_BREAK, " ")
 
 
-def balanced(titles: Sequence[str], inches: Sequence[float]) -> list[str]:
-    """Return titles in even lines that fit, as many of each as the longest needs, if it can."""
-    shown = [wrapped(title, width) for title, width in zip(titles, inches, strict=True)]
-    most = max(title.count("\n") for title in shown)
-    for k, width in enumerate(inches):
-        narrower = [wrapped(titles[k], each) for each in np.arange(width, 0.2, -1 / LETTERS)]
-        shown[k] = [shown[k], *(each for each in narrower if each.count("\n") == most)][-1]
-    return shown
-
-
 def _frame(figure: "Figure", caption: str) -> Any:
     """Write the caption beneath everything; return the box that holds all, in inches."""
     figure.draw_without_rendering()
@@ -104,8 +94,7 @@ def _frame(figure: "Figure", caption: str) -> Any:
     box = figure.get_tightbbox()
     bottom = box.y0 - MARGIN
     if caption:
-        (text,) = balanced([caption], [width])
-        label = figure.supxlabel(text, y=bottom / height, va="top")
+        label = figure.supxlabel(wrapped(caption, width), y=bottom / height, va="top")
         label.set_in_layout(False)  # the rest stays where it is
         bottom = label.get_window_extent().y0 / figure.dpi - MARGIN
     sides = min(0.0, box.x0), max(width, box.x1)

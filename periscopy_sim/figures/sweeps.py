@@ -103,7 +103,7 @@ def draw_sweep(
     room, methods = 0.7 * width / columns, results.attrs.get("algorithms", [])
     with drawn(path, metadata if path.suffix == ".png" else None, caption) as figure:
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
-        for ax in (rest := grid.flat[len(parts) :]):
+        for ax in grid.flat[len(parts) :]:
             ax.axis("off")
         for ax, letter, (title, means) in zip(grid.flat, ascii_lowercase, parts, strict=False):
             _draw(ax, means, over, methods or means["algorithm"].values.tolist(), room)
@@ -121,14 +121,10 @@ def draw_sweep(
         for ax in grid.flat[len(grid.flat) - columns : len(parts)]:
             ax.set_xlabel(wrapped(words_of(results[over], over), room))
         handles = grid[0, 0].get_legend_handles_labels()
-        legend = 2 if max(map(len, handles[1]), default=0) <= 22 else 1
-        legend = len(handles[1]) if width > 2 * COLUMN else legend
-        height = 0.2
-        if len(rest):  # the legend fills the hole
-            rest[0].legend(*handles, loc="center", handlelength=2.8)
-        else:
-            figure.legend(*handles, loc="outside upper center", ncols=legend, handlelength=2.8)
-            height += 0.13 * -(-len(handles[1]) // legend)
+        longest = 8 + max(map(len, handles[1]), default=0)  # with its line
+        abreast = min(max(1, int(LETTERS * width / longest)), len(handles[1]))
+        figure.legend(*handles, loc="outside upper center", ncols=abreast, handlelength=2.8)
+        height = 0.2 + 0.13 * -(-len(handles[1]) // abreast)
         longest = max(
             [len(each) for each in results[over].values if isinstance(each, str)], default=0
         )

@@ -64,22 +64,18 @@ def lab(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
     meshes = {cap.id: unit_cap(cap) for cap in caps}
     if CYLINDER in names:
         meshes[CYLINDER] = _unit_cylinder()
-    mistakes = [f"a mesh is called '{CYLINDER}'; name it otherwise"] * (names.count(CYLINDER) > 1)
-    for body in bodies:
-        try:
-            meshes[body.name] = _own_mesh(body, laboratory.folder / body.file)
-        except ConfigurationError as error:
-            mistakes.append(str(error))
     try:
+        if names.count(CYLINDER) > 1:
+            raise ConfigurationError(f"a mesh is called '{CYLINDER}'; name it otherwise")
+        for body in bodies:
+            meshes[body.name] = _own_mesh(body, laboratory.folder / body.file)
         text = scene_text(
             laboratory,
             {name: file.name for name, file in files.items()},
             f"A laboratory as measured, made by periscopy lab from {measurements.name}.",
         )
     except ConfigurationError as error:
-        mistakes.append(str(error))
-    if mistakes:
-        raise ConfigurationError(f"{measurements}: {'; '.join(mistakes)}")
+        raise ConfigurationError(f"{measurements}: {error}") from None
     given = [measurements, *(laboratory.folder / body.file for body in bodies)]
     spare_inputs((out, *files.values()), given)
     with TemporaryDirectory() as folder:  # the scene is tried before it is written

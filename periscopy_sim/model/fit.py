@@ -38,7 +38,7 @@ from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Array, Image, Mask, precision_of
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, checked_matrix, plain_array
-from periscopy_sim.photograph import Photograph
+from periscopy_sim.photograph import Photograph, check_size
 
 FEWEST = 25
 """Pixels with all their neighbours, below which the noise is unknown."""
@@ -574,11 +574,6 @@ class Fit:
         self._check_size(photographs.shape)
         values = photographs.reshape(len(photographs), self.A.shape[0], photographs.shape[-1])
         planes = np.moveaxis(values[:, self.kept], -1, 1)
-        if planes.shape[1] == 4 and planes[:, 3].any() and not np.ptp(planes[:, 3]):
-            raise InputError(
-                "the photograph's fourth channel is the same everywhere, as transparency is; leave "
-                "it out: photograph[..., :3]"
-            )
         grey = np.divide(planes, self.gain(planes.shape[1]).T, order="C", dtype=np.float64)
         if not np.isfinite(grey).all():
             raise InputError("the photograph must be finite")
@@ -593,11 +588,8 @@ class Fit:
     def _check_size(self, shape: tuple[int, ...]) -> None:
         """Reject photographs, (K, ..., C), of another size or of other channels."""
         size, known, M = shape[1:-1], self.shape, self.A.shape[0]
-        if known is not None and len(size) == 2 and size != tuple(known):
-            raise InputError(
-                f"the photograph has {size[0]}x{size[1]} pixels, the scene's camera or mask "
-                f"{known[0]}x{known[1]}"
-            )
+        if known is not None and len(size) == 2:
+            check_size(size, known, "the photograph")
         if np.prod(size, dtype=int) != M or not size or not shape[-1]:
             raise InputError(
                 f"the photograph has shape {shape[1:]}; A has {M} rows, so it must be (rows, "

@@ -47,9 +47,6 @@ NOISE_PIXELS = 2**18
 GAUSSIAN = 1.4826
 """Standard deviation of Gaussian noise over its median absolute deviation."""
 
-BLOCK = 2**16
-"""Pixels that are compared at a time."""
-
 AROUND = sorted(product(range(-2, 3), repeat=2), key=lambda step: max(map(abs, step)))[1:]
 """Rows and columns from a pixel to the 24 around it, the 8 beside it first."""
 
@@ -129,8 +126,8 @@ def defective_pixels(
     return DefectivePixels(saturated, dead, hot & ~saturated)
 
 
-def saturated_pixels(photograph: NDArray[Any]) -> Mask:
-    """Return where a finite (rows, columns, channels) photograph is saturated.
+def plateaus(photograph: NDArray[Any], name: str) -> list[str]:
+    """Return a line about a plateau at the top of a photograph whose saturation nobody declares.
 
     The test is that of `defective_pixels`; a black level must not be subtracted unevenly before.
     """
@@ -139,12 +136,7 @@ def saturated_pixels(photograph: NDArray[Any]) -> Mask:
         _saturated(each, everywhere, *np.unique(each, return_counts=True))
         for each in np.moveaxis(photograph, -1, 0)
     ]
-    return np.asarray(np.any(channels, axis=0))
-
-
-def plateaus(photograph: NDArray[Any], name: str) -> list[str]:
-    """Return a line about a plateau at the top of a photograph whose saturation nobody declares."""
-    if not (plateau := saturated_pixels(photograph)).any():
+    if not (plateau := np.any(channels, axis=0)).any():
         return []
     top = photograph[plateau].max(axis=1).min()
     return [
@@ -226,16 +218,13 @@ def _dead_and_hot(channel: Array, valid: Mask, levels: Array) -> NDArray[np.bool
 
 def _peaks(light: Array, sides: Sequence[NDArray[np.intp]], least: float) -> NDArray[np.intp]:
     """Return the places of light that exceeds all of one side, or of the other, by `least`."""
-    edge, places = int(np.max(sides)), []
-    for start in range(edge, len(light) - edge, BLOCK):  # whole arrays would not stay in the cache
-        stop = min(start + BLOCK, len(light) - edge)
-        highest = [
-            reduce(np.maximum, (light[start + each : stop + each] for each in side))
-            for side in sides
-        ]
-        exceeds = np.minimum(*highest) < light[start:stop] - least
-        places.append(start + np.flatnonzero(exceeds))
-    return np.concatenate(places)
+    edge = int(np.max(sides))
+    inside = slice(edge, len(light) - edge)
+    highest = [
+        reduce(np.maximum, (light[edge + each : len(light) - edge + each] for each in side))
+        for side in sides
+    ]
+    return edge + np.flatnonzero(np.minimum(*highest) < light[inside] - least)
 
 
 def _medians(values: Array) -> Array:

@@ -34,9 +34,9 @@ def test_mask_that_leaves_fewer_pixels_than_patches_is_rejected():
 
 
 def test_photograph_of_another_size_than_the_mask_is_refused():
-    with pytest.raises(ValueError, match=r"9x14 pixels, the .* 14x9"):
+    with pytest.raises(ValueError, match=r"9 x 14 pixels .* 14 x 9"):
         fitted(MASKED).planes(Y.reshape(1, 9, 14, 3))
-    with pytest.raises(ValueError, match=r"9x14 pixels, the .* 14x9"):
+    with pytest.raises(ValueError, match=r"9 x 14 pixels .* 14 x 9"):
         fitted(Photograph.of(Y.reshape(9, 14, 3), mask=MASK.reshape(9, 14)))
 
 
