@@ -33,18 +33,18 @@ def test_beyond_the_budget_the_error_is_warned_of(shipped, monkeypatch):
         ps.transport(scene, by="rays", noise=1e-6)
 
 
-@pytest.mark.parametrize("near", [0, 0.3])
-def test_error_by_areas_is_the_distance_from_the_mean_over_each_pixel(shipped, near):
+@pytest.mark.parametrize(("near", "noise"), [(0, 1e-4), (0.3, 1e-3)])
+def test_error_by_areas_is_the_distance_from_the_mean_over_each_pixel(shipped, near, noise):
     """Of white light, by four times the points; the nearer the chair, the sharper its shadows."""
     scene = shipped("chair").at(occluder_dy=near)
-    plan = plan_transport(scene, 1e-3)
+    plan = plan_transport(scene, noise)
     exact, light = (
         ps.analytic_transport(scene.averaged(across)).sum(axis=1, dtype=float)
         for across in (2 * plan.across, plan.across)
     )
     error = np.sqrt(np.mean((light - exact) ** 2)) / exact.mean()
-    assert error < plan.error * 1.5 + 2 * planning.PRECISION
-    assert plan.error < 1e-3 / 10
+    assert error < plan.error * 1.5 + planning.ROUNDING
+    assert plan.error < noise / 10
 
 
 @pytest.mark.parametrize("noise", [-1, np.nan])
