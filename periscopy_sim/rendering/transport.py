@@ -243,6 +243,7 @@ def planned_for(
 
     The error is over the mean of an image's light, at 4 `PIXELS` pixels against rows of more wall
     points or, by rays, as many others; it is a tenth of the noise at most, within the budgets.
+    Where these rows miss the wall it is the plan's.
     Light of small bright details errs up to 8 times as much as white light (chair and plate).
     """
     plan = planned(scenario, noise, by=by, samples=samples, seed=seed)
@@ -251,7 +252,10 @@ def planned_for(
     first = points_across(scenario.photograph_shape)
     while True:
         A = plan.transport(scenario, seed=seed)
-        view = scenario.averaged(max(2 * plan.across, first)).view
+        try:
+            view = scenario.averaged(max(2 * plan.across, first)).view
+        except SceneError:  # a pixel's edge misses the wall
+            return plan.error, A
         used = np.isin(np.arange(np.prod(view.shape)), view.numbers[rows])
         some = Geometry(view.of_pixels(used.reshape(view.shape)), scenario.hidden)
         some_rows = replace(plan, across=view.across, made=None)

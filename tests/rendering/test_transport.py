@@ -7,7 +7,7 @@ import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.rendering import transport as planning
-from periscopy_sim.rendering.transport import planned
+from periscopy_sim.rendering.transport import planned, planned_for
 
 
 def plan_transport(*scene, **settings):
@@ -109,3 +109,11 @@ def test_areas_that_fail_on_another_grid_leave_rays(room, monkeypatch):
     assert plan_transport(room.load(), 0.1).by == "rays"
     with pytest.raises(ClosedFormError):
         plan_transport(room.load(), 0.1, by="areas")
+
+
+def test_a_scene_whose_pixels_edges_miss_the_wall_has_an_a_for_images(room):
+    """The wall ends in the last column of pixels, past the points of A."""
+    scene = room.load(wall=room.wall(x=-0.10117), camera=room.camera(size=(6, 8)))
+    plan = plan_transport(scene, 0.1)
+    error, A = planned_for(np.ones((1, 6, 3)), scene, 0.1)
+    assert (error, A.shape) == (plan.error, scene.transport_shape)
