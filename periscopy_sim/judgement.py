@@ -17,7 +17,7 @@ from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.rendering import survey, variant
-from periscopy_sim.rendering.photograph import bounced_light, detail_light
+from periscopy_sim.rendering.photograph import OWN_SHARE, bounced_light, detail_light
 from periscopy_sim.rendering.shadow_rays import RenderedTransport
 from periscopy_sim.view import Geometry
 
@@ -79,12 +79,12 @@ def check_memory(scenario: Geometry, method: Name = "", *views: Geometry) -> lis
 def check_error(
     scenario: Geometry, origin: Mapping[str, Any], noise: float | None, name: str = "A"
 ) -> list[Note]:
-    """Note that the error of an A exceeds the photographs' noise, and what lowers it.
+    """Note that the error of an A exceeds a third of the photographs' noise, and what lowers it.
 
     The origin is that of `plan`, or a record of it.
     """
     error, model = origin["transport_error"], origin["model"]
-    if noise is None or error is None or error <= max(noise, PRECISION):
+    if noise is None or error is None or error <= max(OWN_SHARE * noise, PRECISION):
         return []
     by_rays = "areas" if has_areas(scenario) else "rays"
     remedy = {"analytic": "size", "file": "file"}.get(model, by_rays)

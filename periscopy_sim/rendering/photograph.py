@@ -41,7 +41,8 @@ SNR = 60.0
 """SNR, in dB, of the photographs that are made where none is asked for: the paper's."""
 
 OWN_SHARE = 1 / 3
-"""Error of a photograph over its noise that counts as small: both exceed the noise by 5 %."""
+"""Error over the noise beyond which a line warns, of a photograph or of A: both exceed the noise by
+5 %."""
 
 WAVEFRONT = 1 << 24
 """Camera samples traced at once, by one kernel, which nothing can interrupt; bounds the memory."""

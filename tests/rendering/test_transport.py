@@ -27,10 +27,11 @@ def test_error_by_rays_is_the_distance_from_areas_and_small_beside_noise(shipped
 
 def test_beyond_the_budget_the_error_is_warned_of(shipped, monkeypatch):
     scene = shipped("chair")
-    assert plan_transport(scene, 1e-6, by="rays", budget=0).samples == planning.FEWEST
+    plan = plan_transport(scene, 1e-6, by="rays", budget=0)
+    assert plan.samples == planning.FEWEST
     monkeypatch.setattr(planning, "BUDGET", 0)
     with pytest.warns(RuntimeWarning, match="noise"):
-        ps.transport(scene, by="rays", noise=1e-6)
+        ps.transport(scene, by="rays", noise=2 * plan.error)
 
 
 @pytest.mark.parametrize(("near", "noise"), [(0, 1e-4), (0.3, 1e-3)])
