@@ -76,11 +76,11 @@ class SweepWork:
     sizes: dict[str, int]  # of the axes; backgrounds without their flips
     flips: int
     missing: int
-    first: Values | None = None  # missing cell whose methods need a matrix
+    first: Values | None = None  # missing cell of the largest SNR whose methods need a matrix
     cells: Counter[str] = field(default_factory=Counter)  # missing, by method, without calibrations
     photographs: set[Any] = field(default_factory=set)
     lights: dict[Any, str] = field(default_factory=dict)  # names of ambient light
-    matrices: dict[Any, int] = field(default_factory=dict)
+    matrices: set[Any] = field(default_factory=set)
     fits: set[Any] = field(default_factory=set)
     calibrations: set[Any] = field(default_factory=set)  # photographs that calibrate
 
@@ -94,7 +94,7 @@ class SweepWork:
         """Numbers of photographs, ambient light, matrices and calibrations."""
         return {
             "photograph": len(self.photographs), "ambient_light": len(self.lights),
-            "matrix": sum(self.matrices.values()), "calibration": len(self.calibrations),
+            "matrix": len(self.matrices), "calibration": len(self.calibrations),
         }  # fmt: skip
 
     @classmethod
@@ -110,14 +110,14 @@ class SweepWork:
             values = {name: cell[name] for name in sweep.vary}
             place = worlds.place(values)
             places.setdefault(place, values)
-            work.photographs |= {(place, name, cell["snr"]) for name in rendered}
-            if count := worlds.matrices(values):
-                light, snr = worlds.light(values), cell["snr"]
-                way = light.samples or snr, light.by
-                work.matrices[worlds.place(values, ASSUMED), *way] = count
+            snr = cell["snr"]
+            work.photographs |= {(place, name, snr) for name in rendered}
+            if matrices := worlds.matrices(values, snr):
+                work.matrices |= matrices
                 work.fits.add((snr, *values.values()))
                 work.cells[cell["algorithm"]] += 1
-                work.first = work.first or cell
+                if work.first is None or snr > work.first["snr"]:
+                    work.first = cell
             else:
                 work.calibrations.add((*(v for name, v in cell.items() if name != "algorithm"),))
         for values in [*places.values()][:SCENES]:
@@ -128,8 +128,8 @@ class SweepWork:
     def seconds(self, threads: int) -> float | None:
         """Return how long the missing cells take on some threads, but for calibrations.
 
-        The parts of the first one's world, which are made, and one more fit are timed. None where
-        all calibrate, or that world is an error, which the sweep meets.
+        The parts of one world of the largest SNR, which take longest and are made, and one more fit
+        are timed. None where all calibrate, or that world is an error, which the sweep meets.
         """
         worlds: Worlds = self.sweep.world
         if (first := self.first) is None:
@@ -154,7 +154,7 @@ class SweepWork:
         return (
             of_photographs * (len(self.photographs) / len(worlds.shown) - 1)
             + of_lights
-            + of_matrices * (sum(self.matrices.values()) / worlds.matrices(values) - 1)
+            + of_matrices * (len(self.matrices) / len(worlds.matrices(values, snr)) - 1)
             + of_fit * (len(self.fits) - 1)
             + sum(self.cells[n] * (each / threads + writing) for n, each in of_cell.items())
         )

@@ -28,7 +28,7 @@ from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.method import Method
-from periscopy_sim.reconstruction.registry import Option
+from periscopy_sim.reconstruction.registry import RAYS, Option
 from periscopy_sim.rendering.ambient import Background
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import Scenario, load_scenario
@@ -293,13 +293,18 @@ class Worlds:
             for name, method in self.methods.items()
         }
 
-    def matrices(self, values: Mapping[str, Any]) -> int:
-        """Return how many matrices the methods need at values of axes; none if they calibrate."""
+    def matrices(self, values: Mapping[str, Any], snr: float) -> set[Any]:
+        """Return what tells apart the matrices of the methods, of which none calibrates.
+
+        An A of a given number of rays serves any SNR.
+        """
         if values.get(KNOWN) == CALIBRATED:
-            return 0
+            return set()
         light, entries = self.light(values), map(entry_of, self.methods.values())
-        ways = {entry is not None and entry.rays for entry in entries}
-        return 1 if light.samples or light.by else len(ways)
+        by_rays = {light.by is None and entry is not None and entry.rays for entry in entries}
+        counts = {light.samples or (RAYS if each else None) for each in by_rays}
+        place = self.place(values, ASSUMED)
+        return {(place, light.by, count, None if count else snr) for count in counts}
 
     def check(self, axes: Mapping[str, Sequence[Any]]) -> None:
         """Reject axes that no world knows, and values that they cannot have.
