@@ -217,9 +217,9 @@ def sweep(
 ) -> "xr.Dataset":
     """Compare methods over hidden images, ambient light, noise, and whatever varies in a scene.
 
-    Photographs are rendered for the least noise, and each method is fitted to an A of its own that
-    is as fine. The same call with the same folder resumes an interrupted sweep; more values compute
-    only their cells.
+    Photographs are rendered for each SNR, and each method is fitted to an A that is as fine. The
+    same call with the same folder resumes an interrupted sweep; more values compute only their
+    cells.
 
     Parameters
     ----------

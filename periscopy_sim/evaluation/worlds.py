@@ -451,7 +451,7 @@ def _fit(
 
 
 def _seed_of(scenario: Scenario, name: str) -> int:
-    """Return the seed of a photograph: each image at each place has rays of its own."""
+    """Return the seed of a photograph: each image at each place of a scene has its own rays."""
     labels = [scenario.seed, name, *sorted(scenario.parameters.items())]
     digest = hashlib.sha256(json.dumps(labels).encode()).digest()
     return int.from_bytes(digest[:4])
