@@ -292,7 +292,7 @@ class Scenario(Geometry):
         snr: float | None = None,
         bounces: int | None = None,
         samples: int | None = None,
-        target: float = TARGET,
+        target: float | None = None,
         colour_matrix: ColourMatrix | Array | None = None,
         progress: Progress | None = None,
     ) -> Photograph:
@@ -304,7 +304,8 @@ class Scenario(Geometry):
             (R, C, 3) linear radiance along the normal, of any R and C, or a name as of `image`; of
             several surfaces a mapping of such by id.
         ambient, sbr, target
-            Ambient light as of `ambient`, the signal-to-background ratio, and the light's error.
+            Ambient light as of `ambient`, the signal-to-background ratio, and the light's error;
+            None lets `snr` decide.
         snr
             Signal-to-noise ratio, in dB, of the noise that is added. The photograph's own error is
             at most a third of it, within a budget. None adds none, and renders for 60 dB.
@@ -328,7 +329,7 @@ class Scenario(Geometry):
         PeriscopyError
             If `ambient` and `sbr` do not go together, or there is no such light.
         """
-        from periscopy_sim.rendering.photograph import SNR, excess_of
+        from periscopy_sim.rendering.photograph import SNR, ambient_target, excess_of
 
         if validation.is_name(ambient) and str(ambient) == DARK:
             if sbr is not None:
@@ -343,8 +344,9 @@ class Scenario(Geometry):
                 validation.checked(name, [value], kind)
         colours = ColourMatrix.of(colour_matrix)
         mixed = np.array if colours is None else colours.mix
-        light = None if ambient is None else self.ambient(ambient, target=target)
         purpose = SNR if snr is None else snr
+        target = ambient_target(purpose) if target is None else target
+        light = None if ambient is None else self.ambient(ambient, target=target)
         noise = noise_to_signal(purpose, np.inf)
         if sbr is not None:
             # Light that ambient light outshines may err more; both together have a third.

@@ -16,6 +16,7 @@ TargetOption = Annotated[float, option("NUMBER", kind="error")]
 _IMAGE = "The hidden image: a file, or a shipped one."
 _OF_EACH = "Image of a hidden surface; repeatable."
 _SAMPLES = "Camera samples a pixel of the path tracer. [default: as the SNR needs, without it]"
+_TARGET = "Error of a pixel of ambient light. [default: as the SNR needs]"
 _NAMES = "Scene files or shipped conditions."
 _AMBIENT = "Ambient light to add: a photograph by the same camera, a condition, or none."
 
@@ -34,16 +35,19 @@ def photograph(
     sbr: Annotated[float | None, option("RATIO", kind="ratio", group=LIGHT)] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
-    target: TargetOption = TARGET,
+    target: Annotated[float | None, option("NUMBER", _TARGET, kind="error")] = None,
 ) -> None:
     """Render a photograph of the wall, as an EXR file.
 
     Its own error is at most a third of the noise of --snr (else of 60 dB); a line says if not.
     """
+    from periscopy_sim.rendering.photograph import SNR, ambient_target
+
     options.require_suffix(out, ".exr", "the photograph")
     is_lit = ambient not in (None, DARK)
     if is_lit != (sbr is not None):
         raise ps.PeriscopyError("--sbr and light of --ambient go together; give both or neither")
+    target = ambient_target(SNR if snr is None else snr) if target is None else target
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     most = most_bounces(bounces)
     if colours is not None and len(colours.matrix) != 3:

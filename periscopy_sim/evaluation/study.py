@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +22,7 @@ from periscopy_sim.errors import SWEEP, PeriscopyError, SceneError, did_you_mean
 from periscopy_sim.evaluation.sweep import Sweep, cell_seconds, flipped_names, run_sweep
 from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.workers import check_scheduler
-from periscopy_sim.evaluation.worlds import ASSUMED, KNOWN, Worlds, warn_of
+from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
 from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.memo import Memo
@@ -31,7 +32,7 @@ from periscopy_sim.numerics.machine import LONG, Stage, silent
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.rendering.ambient import Background
-from periscopy_sim.rendering.photograph import excess_of
+from periscopy_sim.rendering.photograph import ambient_target, excess_of
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import (
     ADVERSARIAL,
@@ -120,9 +121,10 @@ class SweepWork:
                     work.first = cell
             else:
                 work.calibrations.add((*(v for name, v in cell.items() if name != "algorithm"),))
-        for values in [*places.values()][:SCENES]:
+        targets = {ambient_target(cell["snr"]) for cell in missing}
+        for values, target in product([*places.values()][:SCENES], targets):
             with suppress(SceneError):  # which fails alone
-                work.lights |= worlds.at(values).missing_ambient(worlds.traced)
+                work.lights |= worlds.at(values).missing_ambient(worlds.traced, target)
         return work
 
     def seconds(self, threads: int) -> float | None:
@@ -148,7 +150,7 @@ class SweepWork:
             world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
             trial = {name: {**first, "algorithm": name} for name in self.cells}
             of_cell, writing = cell_seconds(self.sweep, world, trial)
-            of_lights = self._light(worlds.at(values), worlds)
+            of_lights = self._light(worlds.at(values), worlds, ambient_target(snr))
         except PeriscopyError:
             return None
         return (
@@ -169,15 +171,15 @@ class SweepWork:
         worlds.fitted(snr, values, wall)
         return made - started, time.perf_counter() - made
 
-    def _light(self, scenario: Scenario, worlds: Worlds) -> float:
+    def _light(self, scenario: Scenario, worlds: Worlds, target: float) -> float:
         """Return the seconds of missing ambient light but for the quickest, which is made."""
         costs = sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
-        missing = scenario.missing_ambient(worlds.traced).values()
+        missing = scenario.missing_ambient(worlds.traced, target).values()
         if not missing:
             return 0.0
         name = min(missing, key=lambda each: LIGHT_COST.get(each, 1.0))
         started = time.perf_counter()
-        scenario.ambient(name, progress=worlds.progress)
+        scenario.ambient(name, target=target, progress=worlds.progress)
         return (time.perf_counter() - started) * (costs / LIGHT_COST.get(name, 1.0) - 1)
 
 

@@ -30,6 +30,7 @@ from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.registry import RAYS, Option
 from periscopy_sim.rendering.ambient import Background
+from periscopy_sim.rendering.photograph import ambient_target
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.shipped import find_scene
@@ -202,7 +203,7 @@ class Worlds:
         fit = self._calibrated if calibrates else self.fitted
         fitted = fit(snr, values, wall)
         if lights is None:
-            lights = {name: self._light(true, name) for name in self.ambient}
+            lights = {name: self._light(true, name, snr) for name in self.ambient}
         backgrounds = dict[str, Photograph]()
         for name, light in lights.items():
             seen = {name: seen_in(light.photograph, wall.channels)}
@@ -224,11 +225,11 @@ class Worlds:
         """The conditions of ambient light that is path traced."""
         return [str(light) for light in self.ambient.values() if validation.is_name(light)]
 
-    def _light(self, true: Scenario, name: str) -> Background:
-        """Return ambient light on the wall, path traced unless it is given."""
+    def _light(self, true: Scenario, name: str, snr: float) -> Background:
+        """Return ambient light on the wall, path traced as an SNR needs unless it is given."""
         light = self.ambient[name]
         if validation.is_name(light):
-            return true.ambient(light, progress=self.progress)
+            return true.ambient(light, target=ambient_target(snr), progress=self.progress)
         return Background(light, 0.0, 0.0)
 
     def signal(self, name: str, snr: float, values: Mapping[str, Any]) -> Photograph:

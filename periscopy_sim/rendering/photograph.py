@@ -25,6 +25,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.analytic.area_transport import area_transport, has_areas, points_across
 from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.measurement import TARGET
 from periscopy_sim.numerics import Array, machine
 from periscopy_sim.numerics.validation import InputError, checked, checked_number, checked_scene
 from periscopy_sim.rendering import bounced, load, wall
@@ -102,6 +103,11 @@ def excess_of(error: float, snr: float) -> tuple[str, ...]:
 def allowed_error(snr: float) -> float:
     """Return the largest relative error of its own that a photograph of an SNR, in dB, may have."""
     return float(OWN_SHARE * 10 ** (-snr / 20))
+
+
+def ambient_target(snr: float) -> float:
+    """Return the relative error of a pixel that ambient light of photographs of an SNR may have."""
+    return min(TARGET, allowed_error(snr))
 
 
 def rendering_of(
