@@ -9,6 +9,7 @@ import numpy as np
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.calibration.prior import distant_parameters, scene_covariance
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.measurement import OWN_SHARE
 from periscopy_sim.methods import Name, entry_of, label_of
 from periscopy_sim.model import spectral_basis
 from periscopy_sim.model.fit import PRECISION, relative_noise
@@ -17,7 +18,7 @@ from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, RAYS
 from periscopy_sim.rendering import survey, variant
-from periscopy_sim.rendering.photograph import OWN_SHARE, bounced_light, detail_light
+from periscopy_sim.rendering.photograph import bounced_light, detail_light
 from periscopy_sim.rendering.shadow_rays import RenderedTransport
 from periscopy_sim.view import Geometry
 

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.light import Light
-from periscopy_sim.measurement import TARGET, add_noise, composite, composite_error, noise_to_signal
+from periscopy_sim.measurement import (
+    TARGET,
+    add_noise,
+    ambient_target,
+    composite,
+    composite_error,
+    noise_to_signal,
+)
 from periscopy_sim.memo import Memo, light_cache, read_only
 from periscopy_sim.numerics import Array, Image, validation
 from periscopy_sim.numerics.machine import Stage, silent
@@ -329,7 +336,7 @@ class Scenario(Geometry):
         PeriscopyError
             If `ambient` and `sbr` do not go together, or there is no such light.
         """
-        from periscopy_sim.rendering.photograph import SNR, ambient_target, excess_of
+        from periscopy_sim.rendering.photograph import SNR, excess_of
 
         if validation.is_name(ambient) and str(ambient) == DARK:
             if sbr is not None:
@@ -345,7 +352,7 @@ class Scenario(Geometry):
         colours = ColourMatrix.of(colour_matrix)
         mixed = np.array if colours is None else colours.mix
         purpose = SNR if snr is None else snr
-        target = ambient_target(purpose) if target is None else target
+        target = ambient_target(snr) if target is None else target
         light = None if ambient is None else self.ambient(ambient, target=target)
         noise = noise_to_signal(purpose, np.inf)
         if sbr is not None:

@@ -14,9 +14,9 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim import memo as memos
 from periscopy_sim.errors import OutputError
+from periscopy_sim.measurement import allowed_error
 from periscopy_sim.memo import Memo
 from periscopy_sim.rendering import ambient
-from periscopy_sim.rendering.photograph import allowed_error
 
 
 class Maker:

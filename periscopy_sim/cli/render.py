@@ -8,7 +8,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options, output
 from periscopy_sim.cli.options import LIGHT, MonitorLight, argument, most_bounces, option
 from periscopy_sim.cli.session import Session
-from periscopy_sim.measurement import TARGET
+from periscopy_sim.measurement import TARGET, ambient_target
 from periscopy_sim.shipped import CONDITIONS, DARK, find_condition
 from periscopy_sim.storage import provenance, rasters
 
@@ -41,13 +41,11 @@ def photograph(
 
     Its own error is at most a third of the noise of --snr (else of 60 dB); a line says if not.
     """
-    from periscopy_sim.rendering.photograph import SNR, ambient_target
-
     options.require_suffix(out, ".exr", "the photograph")
     is_lit = ambient not in (None, DARK)
     if is_lit != (sbr is not None):
         raise ps.PeriscopyError("--sbr and light of --ambient go together; give both or neither")
-    target = ambient_target(SNR if snr is None else snr) if target is None else target
+    target = ambient_target(snr) if target is None else target
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     most = most_bounces(bounces)
     if colours is not None and len(colours.matrix) != 3:

@@ -24,7 +24,7 @@ from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
 from periscopy_sim.judgement import check_error
-from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.measurement import ambient_target, noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Mask, validation
@@ -32,7 +32,7 @@ from periscopy_sim.numerics.machine import LONG, Stage, silent
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.method import Note
 from periscopy_sim.rendering.ambient import Background
-from periscopy_sim.rendering.photograph import ambient_target, excess_of
+from periscopy_sim.rendering.photograph import excess_of
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.shipped import (
     ADVERSARIAL,

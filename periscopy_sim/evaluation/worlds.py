@@ -21,7 +21,7 @@ from periscopy_sim.evaluation.sweep import World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
 from periscopy_sim.light import Light
-from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.measurement import ambient_target, noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Image, Mask, validation
@@ -30,7 +30,6 @@ from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.method import Method
 from periscopy_sim.reconstruction.registry import RAYS, Option
 from periscopy_sim.rendering.ambient import Background
-from periscopy_sim.rendering.photograph import ambient_target
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.shipped import find_scene

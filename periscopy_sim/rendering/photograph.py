@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.analytic.area_transport import area_transport, has_areas, points_across
 from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden
-from periscopy_sim.measurement import TARGET
+from periscopy_sim.measurement import allowed_error
 from periscopy_sim.numerics import Array, machine
 from periscopy_sim.numerics.validation import InputError, checked, checked_number, checked_scene
 from periscopy_sim.rendering import bounced, load, wall
@@ -40,10 +40,6 @@ Result = TypeVar("Result")
 
 SNR = 60.0
 """SNR, in dB, of the photographs that are made where none is asked for: the paper's."""
-
-OWN_SHARE = 1 / 3
-"""Error over the noise beyond which a line warns, of a photograph or of A: both exceed the noise by
-5 %."""
 
 WAVEFRONT = 1 << 24
 """Camera samples traced at once, by one kernel, which nothing can interrupt; bounds the memory."""
@@ -98,16 +94,6 @@ def excess_of(error: float, snr: float) -> tuple[str, ...]:
         f"the photograph's own error is {100 * error:.2g} % of its root mean square "
         f"({-20 * math.log10(error):.0f} dB): more than a third of the noise at {snr:g} dB",
     )
-
-
-def allowed_error(snr: float) -> float:
-    """Return the largest relative error of its own that a photograph of an SNR, in dB, may have."""
-    return float(OWN_SHARE * 10 ** (-snr / 20))
-
-
-def ambient_target(snr: float) -> float:
-    """Return the relative error of a pixel that ambient light of photographs of an SNR may have."""
-    return min(TARGET, allowed_error(snr))
 
 
 def rendering_of(

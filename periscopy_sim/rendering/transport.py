@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from periscopy_sim.analytic.area_transport import area_transport, has_areas, points_across, ways_to
 from periscopy_sim.errors import ClosedFormError, SceneError
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.measurement import OWN_SHARE
 from periscopy_sim.numerics import Array
 from periscopy_sim.numerics.validation import InputError, checked, checked_number, checked_scene
 from periscopy_sim.rendering.bounced import DIRECT, BouncedTransport, add_bounces
-from periscopy_sim.rendering.photograph import OWN_SHARE
 from periscopy_sim.rendering.shadow_rays import RenderedTransport, render_transport, require_light
 from periscopy_sim.view import Geometry, View
 
