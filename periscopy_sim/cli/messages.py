@@ -62,7 +62,8 @@ SENTENCES = {
     ),
     "no_derivatives": "{scene} has no closed form: the standard errors ignore its declared errors",
     "transport_error": (
-        "{name} by {model} errs by {error:.3g} % of the light, more than the noise of {noise:.3g} %"
+        "{name} by {model} errs by {error:.3g} % of the light, more than a third of the noise of "
+        "{noise:.3g} %"
     ),
     "bounces": (
         "{scene}: light that bounces off other surfaces is {ratio:.2g} times the noise: pass "

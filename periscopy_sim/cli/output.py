@@ -53,7 +53,7 @@ class Outcome:
             verdict = {"verdict": "; ".join(lines)} if lines else {}
             warnings = [*dict.fromkeys([*self.numbers.get("warnings", ()), *self.warnings])]
             files = {"files": [*map(str, self.files)], "warnings": warnings}
-            print(json_of({**verdict, **self.numbers, **files}), flush=True)
+            _put(json_of({**verdict, **self.numbers, **files}), sys.stdout)
             return
         if self.files:
             say(f"wrote {', '.join(map(str, dict.fromkeys(self.files)))}")
@@ -95,7 +95,7 @@ def say(message: str, *, is_result: bool = False) -> None:
         if outcome().as_json:
             _complain(line)
         else:
-            _put(line, sys.stdout)
+            _put(printable(line), sys.stdout)
 
 
 def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> None:
@@ -115,7 +115,7 @@ def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> No
         table.add_row(*(Text(printable(cell)) for cell in row))
     with console.capture() as capture:
         console.print(table)
-    print("\n".join(map(str.rstrip, capture.get().splitlines())), flush=True)
+    _put("\n".join(map(str.rstrip, capture.get().splitlines())), sys.stdout)
 
 
 def record(**numbers: Any) -> None:
@@ -141,12 +141,12 @@ def warn(message: str, kind: str = "warning") -> None:
 
 
 def _complain(line: str) -> None:
-    _put(f"periscopy: {line}", sys.stderr)
+    _put(printable(f"periscopy: {line}"), sys.stderr)
 
 
-def _put(line: str, stream: TextIO) -> None:
-    """Print a line at once: `print` lets another thread's line between it and its end."""
-    stream.write(f"{printable(line)}\n")
+def _put(text: str, stream: TextIO) -> None:
+    """Print lines at once: `print` lets another thread's line between them and their end."""
+    stream.write(f"{text}\n")
     stream.flush()
 
 

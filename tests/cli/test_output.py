@@ -170,7 +170,13 @@ class Unhurried(list):
         pass
 
 
-@pytest.mark.parametrize(("put", "stream"), [(say, "stdout"), (warn, "stderr")])
+def put_row(text):
+    show_table([[text]])
+
+
+@pytest.mark.parametrize(
+    ("put", "stream"), [(say, "stdout"), (warn, "stderr"), (put_row, "stdout")]
+)
 def test_lines_of_threads_do_not_mix(put, stream, monkeypatch):
     pieces = Unhurried()
     monkeypatch.setattr(sys, stream, pieces)
