@@ -31,10 +31,6 @@ from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
 from periscopy_sim.numerics import Array
 
-COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
-"""Temperatures of the coarse descent from the prior's centre, a photograph: from 30 on, the real
-chair loses 1.7 dB."""
-
 HOTTEST = 16.0
 """Temperature, a photograph, from which fine descents and the last ones halve it. From 128 a real
 chair takes twice as long and is no better."""
@@ -54,9 +50,6 @@ PROPOSED = 24
 LARGE_COOLING, LARGE_SURVIVORS = (32.0, 8.0), (6, 4, 3)
 """Temperatures of descents in large patches, a photograph; and how many of these start, and go on
 after each."""
-
-STARTS = 6
-"""Most places from which fine descents start, those of smooth images before others."""
 
 SURVIVORS = 3, 2
 """How many fine descents go on after `HOTTEST`, and after each temperature from then on, until the
@@ -201,41 +194,34 @@ class Search:
         """Add a draw, 0, or a temperature's end: 1 coarse or large, 2 fine, 3 last."""
         values = self.fine.values(candidate.point)
         self._rows[stage].append(np.append(values, candidate.cost))
-        coarse = len(COOLING) + sum(LARGE_SURVIVORS[:-1])
-        fine = STARTS + 1 + 2 * len(fine_cooling(self.fine.photographs)) + ROUNDS * (1 + ASIDES)
+        first, fine = LARGE_SURVIVORS[-1], 2 * len(fine_cooling(self.fine.photographs))
+        coarse = sum(LARGE_SURVIVORS[:-1])
+        fine += first + ROUNDS * (1 + ASIDES)
         most = DRAWS, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
 
     def starts(self) -> list[Candidate]:
-        """Return where fine descents start: at the prior's own coarse end, and where a scan leads.
+        """Return where fine descents start, the best first: where a scan of the prior leads.
 
         A SceneError says that the prior's centre is no scene.
         """
-        level, drawn = self.coarse, self._scanned()
-        own = level.look(level.candidate(level.center))
-        for T in level.photographs * np.array(COOLING):
-            own = self._descended(level, 1, own, T)
-        distinct = _distinct([own, *self._proposed(drawn)])[:STARTS]
-        first, *others = [self.fine.candidate(look.point) for look in distinct]
-        return [first, *filter(_is_scene, others)]
-
-    def _scanned(self) -> list[Candidate]:
-        """Return draws of the prior that differ, those that explain most with smooth images."""
         level, errors = self.coarse, self.coarse.scene.errors
+        measured = level.look(level.candidate(level.center))
         sobol = qmc.Sobol(len(errors), seed=self.seed).random(DRAWS)
         drawn = np.clip(WIDTH * special.ndtri(sobol), -prior.FARTHEST, prior.FARTHEST) * errors
         points = level.center + np.pad(drawn, ((0, 0), (0, len(level.terms))))
-        scenes, kept = [], list[Candidate]()
+        scenes, kept = [], [Candidate(measured.point, measured.explanations, measured.penalty)]
         for candidate in map(level.candidate, points):
             if _is_scene(candidate):
                 self.visit(0, candidate)
                 scenes.append(candidate)
         for scene in sorted(scenes, key=lambda each: each.cost):
             steps = [level.values(scene.point - other.point) / errors for other in kept]
-            if len(kept) < PROPOSED and all(np.linalg.norm(step) > APART for step in steps):
+            if len(kept) <= PROPOSED and all(np.linalg.norm(step) > APART for step in steps):
                 kept.append(scene)
-        return kept
+        ends = [replace(self.fine, finer=None).candidate(look.point) for look in _distinct(self._proposed(kept))]
+        return [*filter(_is_scene, ends)]
 
     def _proposed(self, drawn: Sequence[Candidate]) -> list[Look]:
         """Return where descents end that start at some draws, the best first."""
@@ -251,14 +237,17 @@ class Search:
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
-        level, cooling = self.fine, fine_cooling(self.fine.photographs)
+        first = level = replace(self.fine, finer=None)
+        cooling = fine_cooling(level.photographs)
         looks = [level.look(start, cooling[0]) for start in starts]
         for T in cooling:
             looks = _ranked([self._cooled(level, 2, look, T) for look in looks])
-            looks = looks[: SURVIVORS[level is not self.fine]]
-            if level is self.fine:
+            looks = looks[: SURVIVORS[level is not first]]
+            if level is first:
                 level, looks = _with_misfit(level, looks)
-        best = self._hopped(level, self._settled(level, looks[0]))
+        level, T = replace(level, finer=self.fine.finer), looks[0].temperature
+        look = level.look(level.candidate(looks[0].point), T)
+        best = self._hopped(level, self._settled(level, look))
         self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
         return self._end(level, best)
 
