@@ -220,7 +220,7 @@ class Search:
             steps = [level.values(scene.point - other.point) / errors for other in kept]
             if len(kept) <= PROPOSED and all(np.linalg.norm(step) > APART for step in steps):
                 kept.append(scene)
-        ends = [replace(self.fine, finer=None).candidate(look.point) for look in _distinct(self._proposed(kept))]
+        ends = [self.fine.quick.candidate(look.point) for look in self._proposed(kept)]
         return [*filter(_is_scene, ends)]
 
     def _proposed(self, drawn: Sequence[Candidate]) -> list[Look]:
@@ -230,23 +230,22 @@ class Search:
         looks = [level.look(each) for each in nsmallest(first, scenes, key=lambda each: each.cost)]
         for T, most in zip(LARGE_COOLING, survivors, strict=True):
             looks = [self._descended(level, 1, look, T * level.photographs) for look in looks]
-            looks = nsmallest(most, looks, key=lambda look: look.objective)
-            if looks and level is self.large:
+            looks = _distinct(sorted(looks, key=lambda look: look.objective))[:most]
+            if level is self.large:
                 level, looks = _with_misfit(level, looks)
         return looks
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
-        first = level = replace(self.fine, finer=None)
+        first = level = self.fine.quick
         cooling = fine_cooling(level.photographs)
         looks = [level.look(start, cooling[0]) for start in starts]
         for T in cooling:
-            looks = _ranked([self._cooled(level, 2, look, T) for look in looks])
+            looks = _distinct(_ranked([self._cooled(level, 2, look, T) for look in looks]))
             looks = looks[: SURVIVORS[level is not first]]
             if level is first:
                 level, looks = _with_misfit(level, looks)
-        level, T = replace(level, finer=self.fine.finer), looks[0].temperature
-        look = level.look(level.candidate(looks[0].point), T)
+        level, look = _look_with_misfit(self.fine, looks[0].point, looks[0].temperature)
         best = self._hopped(level, self._settled(level, look))
         self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
         return self._end(level, best)
@@ -363,9 +362,8 @@ class Search:
         Hot is above 1. What the scene then lacks biases it more than the likeliest image does:
         from five rulers of a real chair a last descent lost 0, 0, 0.6, 0.6 and 1.2 dB.
         """
-        edged = self.fine.with_edges(start)
-        edged = edged.with_misfit(edged.candidate(start.point))
-        look = edged.look(edged.candidate(start.point), start.temperature)
+        edged, T = self.fine.with_edges(start), start.temperature
+        edged, look = _look_with_misfit(edged, start.point, T)
         for T in fine_cooling(edged.photographs):
             if start.temperature >= T:
                 colder = self._cooled(edged, 3, look, T)
@@ -404,6 +402,14 @@ def _distinct(looks: Sequence[Look]) -> list[Look]:
         if min(step @ curvature @ step for step in steps) > 2**2 * NEGLIGIBLE:
             kept.append(look)
     return kept
+
+
+def _look_with_misfit(
+    level: ResolutionLevel, point: Array, temperature: float
+) -> tuple[ResolutionLevel, Look]:
+    """Return the level whose noise is like the residual at a point, and the look there."""
+    level = level.with_misfit(level.candidate(point))
+    return level, level.look(level.candidate(point), temperature)
 
 
 def _with_misfit(
