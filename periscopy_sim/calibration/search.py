@@ -31,6 +31,10 @@ from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
 from periscopy_sim.numerics import Array
 
+COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
+"""Temperatures of the coarse descent from the prior's centre, a photograph: from 30 on, the real
+chair loses 1.7 dB; without this descent, 2.1 dB."""
+
 HOTTEST = 16.0
 """Temperature, a photograph, from which fine descents and the last ones halve it. From 128 a real
 chair takes twice as long and is no better."""
@@ -195,33 +199,41 @@ class Search:
         values = self.fine.values(candidate.point)
         self._rows[stage].append(np.append(values, candidate.cost))
         first, fine = LARGE_SURVIVORS[-1], 2 * len(fine_cooling(self.fine.photographs))
-        coarse = sum(LARGE_SURVIVORS[:-1])
-        fine += first + ROUNDS * (1 + ASIDES)
+        coarse = len(COOLING) + sum(LARGE_SURVIVORS[:-1])
+        fine += 1 + first + ROUNDS * (1 + ASIDES)
         most = DRAWS, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
 
     def starts(self) -> list[Candidate]:
-        """Return where fine descents start, the best first: where a scan of the prior leads.
+        """Return where fine descents start: at the prior's own coarse end, and where a scan leads.
 
         A SceneError says that the prior's centre is no scene.
         """
+        level = self.coarse
+        own = level.look(level.candidate(level.center))
+        for T in level.photographs * np.array(COOLING):
+            own = self._descended(level, 1, own, T)
+        ends = _distinct([own, *self._proposed(self._scanned())])
+        first, *others = [self.fine.quick.candidate(look.point) for look in ends]
+        return [first, *filter(_is_scene, others)]
+
+    def _scanned(self) -> list[Candidate]:
+        """Return draws of the prior that differ, those that explain most with smooth images."""
         level, errors = self.coarse, self.coarse.scene.errors
-        measured = level.look(level.candidate(level.center))
         sobol = qmc.Sobol(len(errors), seed=self.seed).random(DRAWS)
         drawn = np.clip(WIDTH * special.ndtri(sobol), -prior.FARTHEST, prior.FARTHEST) * errors
         points = level.center + np.pad(drawn, ((0, 0), (0, len(level.terms))))
-        scenes, kept = [], [Candidate(measured.point, measured.explanations, measured.penalty)]
+        scenes, kept = [], list[Candidate]()
         for candidate in map(level.candidate, points):
             if _is_scene(candidate):
                 self.visit(0, candidate)
                 scenes.append(candidate)
         for scene in sorted(scenes, key=lambda each: each.cost):
             steps = [level.values(scene.point - other.point) / errors for other in kept]
-            if len(kept) <= PROPOSED and all(np.linalg.norm(step) > APART for step in steps):
+            if len(kept) < PROPOSED and all(np.linalg.norm(step) > APART for step in steps):
                 kept.append(scene)
-        ends = [self.fine.quick.candidate(look.point) for look in self._proposed(kept)]
-        return [*filter(_is_scene, ends)]
+        return kept
 
     def _proposed(self, drawn: Sequence[Candidate]) -> list[Look]:
         """Return where descents end that start at some draws, the best first."""
@@ -231,7 +243,7 @@ class Search:
         for T, most in zip(LARGE_COOLING, survivors, strict=True):
             looks = [self._descended(level, 1, look, T * level.photographs) for look in looks]
             looks = _distinct(sorted(looks, key=lambda look: look.objective))[:most]
-            if level is self.large:
+            if looks and level is self.large:
                 level, looks = _with_misfit(level, looks)
         return looks
 
@@ -396,6 +408,8 @@ def _is_scene(candidate: Candidate) -> bool:
 
 def _distinct(looks: Sequence[Look]) -> list[Look]:
     """Return looks without those in the valley of an earlier one, by the first one's curvature."""
+    if not looks:
+        return []
     curvature, kept = looks[0].curvature(), [looks[0]]
     for look in looks[1:]:
         steps = [look.point - other.point for other in kept]
