@@ -9,6 +9,7 @@ import numpy as np
 from periscopy_sim.analytic.area_transport import has_areas
 from periscopy_sim.calibration.prior import distant_parameters, scene_covariance
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.measurement import OWN_SHARE
 from periscopy_sim.methods import Name, entry_of, label_of
 from periscopy_sim.model import spectral_basis
 from periscopy_sim.model.fit import PRECISION, relative_noise
@@ -79,12 +80,12 @@ def check_memory(scenario: Geometry, method: Name = "", *views: Geometry) -> lis
 def check_error(
     scenario: Geometry, origin: Mapping[str, Any], noise: float | None, name: str = "A"
 ) -> list[Note]:
-    """Note that the error of an A exceeds the photographs' noise, and what lowers it.
+    """Note that the error of an A exceeds a third of the photographs' noise, and what lowers it.
 
     The origin is that of `plan`, or a record of it.
     """
     error, model = origin["transport_error"], origin["model"]
-    if noise is None or error is None or error <= max(noise, PRECISION):
+    if noise is None or error is None or error <= max(OWN_SHARE * noise, PRECISION):
         return []
     by_rays = "areas" if has_areas(scenario) else "rays"
     remedy = {"analytic": "size", "file": "file"}.get(model, by_rays)

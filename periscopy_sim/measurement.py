@@ -12,6 +12,20 @@ from periscopy_sim.numerics.validation import InputError, checked, checked_numbe
 TARGET = 3e-4
 """Relative error of a pixel of ambient light: below a third of the noise of 60 dB."""
 
+OWN_SHARE = 1 / 3
+"""Error over the noise beyond which a line warns, of a photograph or of A: both exceed the noise by
+5 %."""
+
+
+def allowed_error(snr: float) -> float:
+    """Return the largest relative error of its own that a photograph of an SNR, in dB, may have."""
+    return float(OWN_SHARE * 10 ** (-snr / 20))
+
+
+def ambient_target(snr: float | None) -> float:
+    """Return the relative error of a pixel of ambient light for photographs of an SNR in dB."""
+    return TARGET if snr is None else min(TARGET, allowed_error(snr))
+
 
 def composite(signal: Image, background: Image, sbr: float) -> Array:
     """Add ambient light at a signal-to-background ratio, at a fixed exposure (Sec. 4.1).

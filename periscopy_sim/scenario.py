@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.hidden import Sizes
 from periscopy_sim.light import Light
-from periscopy_sim.measurement import TARGET, add_noise, composite, composite_error, noise_to_signal
+from periscopy_sim.measurement import (
+    TARGET,
+    add_noise,
+    ambient_target,
+    composite,
+    composite_error,
+    noise_to_signal,
+)
 from periscopy_sim.memo import Memo, light_cache
 from periscopy_sim.numerics import Array, Image, validation
 from periscopy_sim.numerics.machine import Stage, silent
@@ -286,7 +293,7 @@ class Scenario(Geometry):
         snr: float | None = None,
         bounces: int | None = None,
         samples: int | None = None,
-        target: float = TARGET,
+        target: float | None = None,
         colour_matrix: ColourMatrix | Array | None = None,
         progress: Progress | None = None,
     ) -> Photograph:
@@ -298,7 +305,8 @@ class Scenario(Geometry):
             (R, C, 3) linear radiance along the normal, of any R and C, or a name as of `image`; of
             several surfaces a mapping of such by id.
         ambient, sbr, target
-            Ambient light as of `ambient`, the signal-to-background ratio, and the light's error.
+            Ambient light as of `ambient`, the signal-to-background ratio, and the light's error;
+            None lets `snr` decide.
         snr
             Signal-to-noise ratio, in dB, of the noise that is added. The photograph's own error is
             at most a third of it, within a budget. None adds none, and renders for 60 dB.
@@ -337,8 +345,9 @@ class Scenario(Geometry):
                 validation.checked(name, [value], kind)
         colours = ColourMatrix.of(colour_matrix)
         mixed = np.array if colours is None else colours.mix
-        light = None if ambient is None else self.ambient(ambient, target=target)
         purpose = SNR if snr is None else snr
+        target = ambient_target(snr) if target is None else target
+        light = None if ambient is None else self.ambient(ambient, target=target)
         noise = noise_to_signal(purpose, np.inf)
         if sbr is not None:
             # Light that ambient light outshines may err more; both together have a third.

@@ -171,9 +171,9 @@ def read_capture(path: Path, shape: tuple[int, int], hidden: tuple[int, int]) ->
     A file that is missing, damaged, of another layout or size is a PhotographError.
     """
     fields = capture_fields(path)
-    halves = halves_of(bayer_colours(fields["image"]), shape, path) / capture_exposure(fields, path)
+    halves = halves_of(bayer_colours(fields["image"]), shape, path) / capture_exposure(fields)
     Photograph.of(halves.mean(axis=0), shape, str(path))  # rejects what is no photograph
-    sent = capture_truth(fields, path)
+    sent = capture_truth(fields)
     name = path.stem.removeprefix("image_test").lstrip("_") or path.stem
     return Capture(name, halves, None if sent is None else area_average(sent, hidden))
 

@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.filesize import decimal
 
 import periscopy_sim as ps
 from periscopy_sim.cli import messages, options, output
 from periscopy_sim.dataset.reading import describe, export_samples, open_dataset, verify_dataset
 from periscopy_sim.errors import SWEEP, DatasetError, require_all
 from periscopy_sim.storage.outputs import staged_folder
+from periscopy_sim.storage.places import place
 
 if TYPE_CHECKING:
     from periscopy_sim.dataset.make import Work
@@ -19,7 +21,7 @@ _CONFIGURATION = "The configuration; see --example."
 _COUNT = "Samples, instead of the configuration's."
 _SAMPLES = "Numbers and ranges, such as 0,4-7. [default: the first twelve]"
 _DATA = "A data set, as 'periscopy dataset' writes it."
-Archive = Annotated[Path, options.argument("DATA", _DATA, parser=options.place_of)]
+Archive = Annotated[Path, options.argument("DATA", _DATA, parser=str, callback=place)]
 _MODULE = "periscopy_sim.dataset.configuration"
 Example = Annotated[bool, options.example_of(_MODULE, "a commented configuration")]
 
@@ -59,15 +61,9 @@ def make(
 
     def planned(work: "Work") -> None:
         if work.samples:
-            of = output.counted(work.geometries, "geometry")
-            size = (
-                f"{work.megabytes:,.2g} MB"
-                if work.megabytes < 100
-                else f"{work.megabytes / 1e3:.2g} GB"
-            )
-            output.say(
-                f"{output.counted(work.samples, 'sample')} of {of}, {size} before compression"
-            )
+            samples = output.counted(work.samples, "sample")
+            of, size = output.counted(work.geometries, "geometry"), decimal(work.size)
+            output.say(f"{samples} of {of}, {size} before compression")
             output.show_parts(matrix=work.geometries, ambient_light=work.lights)
             lights.extend([output.counted(work.lights, "ambient light")] if work.lights else [])
 

@@ -1,9 +1,7 @@
 """`periscopy analyze`, how well a scene can be seen, and `periscopy design`, where to look."""
 
-from collections.abc import Mapping, Sequence
-from enum import StrEnum
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -87,14 +85,7 @@ _VARY = "One or two scene <default>s: occluder_dx=-0.05:0.05."
 _GRID = "Values of each parameter, all combined."
 _BY = "Least Cramér-Rao bound, or least error that noise-aware reports."
 _IMAGES = "Images that noise-aware recovers, by comma, or none."
-TABLE, BEST, FILES = "design.csv", "best.xml", ["design.json", "design.png"]
-
-
-class By(StrEnum):
-    """Criterion that ranks the points."""
-
-    bound = "bound"
-    reported = "reported"
+BEST = "best.xml"
 
 
 def design(
@@ -103,7 +94,7 @@ def design(
     vary: Annotated[str, options.option("NAME=LOW:HIGH,...", _VARY)],
     out: options.ResumedFolder,
     grid: Annotated[int, options.option("NUMBER", _GRID, kind="grid")] = 11,
-    by: Annotated[By, typer.Option(help=_BY)] = By.bound,
+    by: Annotated[Literal["bound", "reported"], typer.Option(help=_BY)] = "bound",
     sbr: Annotated[float, options.option("RATIO", kind="sbr")] = 0.5,
     snr: options.Snr = 60.0,
     images: Annotated[str, options.option("LIST", _IMAGES)] = "mushroom,still_life,letters",
@@ -114,10 +105,11 @@ def design(
     same command resumes an interrupted design.
     """
     from periscopy_sim.evaluation import design as designs
+    from periscopy_sim.figures.design import draw_design
 
     ranges = options.parse_ranges(vary, "--vary")
     names = [] if images == "none" else options.parse_list("--images", images)
-    if by is By.reported and not names:
+    if by == "reported" and not names:
         raise ps.PeriscopyError("--by reported needs images; leave --images out")
     for name in names:
         ps.find_image(name)
@@ -127,52 +119,30 @@ def design(
         rows = designs.design(
             scenario, ranges, out, grid=grid, images=names, snr=snr, sbr=sbr, progress=report
         )
-    settings = {
-        "hidden_shape": session.hidden_shape, "ranges": ranges, "grid": grid,
-        "seed": session.seed, "snr": snr, "sbr": str(sbr), "images": names, "by": by.value,
-        **scenario.plan(noise_to_signal(snr, sbr)).origin, **light.origin,
-    }  # fmt: skip
-    ranking = designs.ranked(rows, "reported_error" if by is By.reported else "bound")
-    written = [*FILES, BEST] if ranking else FILES
-    with output.output_files(*(out / name for name in written)) as files:
-        _write_results(session, rows, ranking, settings, *files)
-    if not ranking:
-        (out / BEST).unlink(missing_ok=True)  # of another --by
-    output.written(out / TABLE)
-    _show_rows(rows, ranking)
-
-
-def _write_results(
-    session: Session,
-    rows: Rows,
-    ranking: Rows,
-    settings: Mapping[str, Any],
-    json: Path,
-    picture: Path,
-    scene: Path | None = None,
-) -> None:
-    """Write the record, the picture and the best scene, if there is one."""
-    from periscopy_sim.evaluation.design import values_of
-    from periscopy_sim.figures.design import draw_design
-
-    best = ranking[0] if ranking else None
-    caption = "{} patches, SNR {:g} dB, SBR {:g}".format(
-        session.scenario.hidden.sizes, settings["snr"], float(settings["sbr"])
-    )
-    units = session.scenario.document.units
-    draw_design(picture, rows, best, units=units, caption=caption, metadata=session.metadata)
-    if best is not None and scene is not None:
-        remark = f"periscopy design: best of {len(ranking)} by {settings['by']}; {caption}"
-        write_copy(session.scenario.document, values_of(best), scene, remark)
-        ps.load_scenario(scene, session.sizes, camera=session.sensor)
+    ranking = designs.ranked(rows, "reported_error" if by == "reported" else "bound")
+    document, best = session.scenario.document, ranking[0] if ranking else None
+    caption = f"{scenario.hidden.sizes} patches, SNR {snr:g} dB, SBR {sbr:g}"
     record = {
-        **settings,
-        "best": best,
+        "hidden_shape": session.hidden_shape, "ranges": ranges, "grid": grid,
+        "seed": session.seed, "snr": snr, "sbr": str(sbr), "images": names, "by": by,
+        **scenario.plan(noise_to_signal(snr, sbr)).origin, **light.origin, "best": best,
         "ranking": [row["point"] for row in ranking],
         "failed": {row["point"]: row["failure"] for row in rows if row["failure"]},
         "provenance": session.provenance,
-    }
-    output.write_json(json, record)
+    }  # fmt: skip
+    with output.output_files(out / "design.json", out / "design.png") as (json, picture):
+        told: dict[str, Any] = {"units": document.units, "caption": caption}
+        draw_design(picture, rows, best, **told, metadata=session.metadata)
+        output.write_json(json, record)
+    if best is None:
+        (out / BEST).unlink(missing_ok=True)  # of another --by
+    else:
+        remark = f"periscopy design: best of {len(ranking)} by {by}; {caption}"
+        with output.output_files(out / BEST) as (scene,):
+            write_copy(document, designs.values_of(best), scene, remark)
+            ps.load_scenario(scene, session.sizes, camera=session.sensor)
+    output.written(out / "design.csv")
+    _show_rows(rows, ranking)
 
 
 def _show_rows(rows: Rows, ranking: Rows) -> None:

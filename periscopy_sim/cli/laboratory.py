@@ -1,5 +1,6 @@
 """`periscopy lab`, `draw`, `prepare`, `view`, `watch`: a laboratory, its photographs, its page."""
 
+import csv
 import hashlib
 import os
 import signal
@@ -17,7 +18,7 @@ import typer
 import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli import messages, options, output, reconstruct
-from periscopy_sim.cli.session import PhotoSession, Session, WallSession
+from periscopy_sim.cli.session import ALL_BUT_SHADOWS, PhotoSession, Session, WallSession
 from periscopy_sim.errors import OutputError, PeriscopyError, require_all
 from periscopy_sim.figures.panels import exposed, write_enlarged
 from periscopy_sim.hidden import named
@@ -25,7 +26,7 @@ from periscopy_sim.photographs.develop import SensorImage, develop
 from periscopy_sim.photographs.develop import average as averaged
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.storage import formats, photographs, rasters
-from periscopy_sim.storage.outputs import GrowingStack, GrowingTable, unwritable_reported
+from periscopy_sim.storage.outputs import append_array, unwritable_reported
 from periscopy_sim.storage.pictures import write_png
 from periscopy_sim.storage.provenance import as_text
 
@@ -54,7 +55,7 @@ def lab(
     """
     options.require_suffix(out, ".xml", "the scene")
     output.written(*ps.lab(measurements, out))
-    _Trial(str(out), []).check_shadows()
+    _Trial(str(out), []).check_scene(but=ALL_BUT_SHADOWS)
     output.conclude(
         f"look at it before you use it: periscopy draw {out} --out {out.with_suffix('.png')}"
     )
@@ -76,7 +77,7 @@ def draw(
         figure = ps.draw(session.scenario)
         with output.progress("drawing"):
             figure.savefig(staged, metadata=session.metadata)
-    session.check_shadows()
+    session.check_scene(but=ALL_BUT_SHADOWS)
 
 
 class _Trial(Session):
@@ -264,7 +265,8 @@ def view(
     The page shows the scene in 3-D, with handles and sliders for its <default>s, photograph,
     reconstruction and standard error. Ctrl-C ends the command.
     """
-    check_page(host, port, method)
+    require_all("websockets")
+    ps.find_method(method)
     others = {"--mask": mask} if photo is None else {"--ambient": ambient, "--image": image}
     verb, remedy = ("needs", "give both") if photo is None else ("excludes", "give one of the two")
     for flag in filter(others.get, others):
@@ -286,15 +288,6 @@ def view(
             photograph=wall, light=light, host=host, port=port,
         )  # fmt: skip
     serve(live, session.path.name)
-
-
-def check_page(host: str, port: int, method: str, *libraries: str) -> None:
-    """Reject a page that cannot be served, before anything is loaded."""
-    require_all("websockets", *libraries)
-    from periscopy_sim.live.gate import listen
-
-    listen(host, port).close()
-    ps.find_method(method)
 
 
 def serve(live: "LiveSession", name: str, close: Callable[[], None] = lambda: None) -> None:
@@ -388,7 +381,8 @@ def watch(
     In the browser, on the page of view: move the laboratory while the picture sharpens. Frames
     that come too late are dropped and counted. The command ends with the source, or by Ctrl-C.
     """
-    check_page(host, port, method, *(["cv2"] if tags else []))
+    require_all("websockets", *(["cv2"] if tags else []))
+    ps.find_method(method)
     marks = marks_of(points, tags)
     encoding = None if Path(source).is_dir() else rasters.LINEAR if linear else rasters.SRGB
     if dark and black:
@@ -434,9 +428,9 @@ def watch(
 class Recorder:
     """The pictures of all frames and their numbers in a folder, whole at any moment.
 
-    `frames.npy`, of several surfaces one for each, and `metrics.csv` grow with each frame in full
-    size; `close` writes `summary.json`. An OutputError says that the folder holds a recording,
-    which no camera can repeat.
+    `frames.npy`, of several surfaces one for each, and `metrics.csv`, whose columns are those of
+    the first frame, grow with each frame in full size; `close` writes `summary.json`. An
+    OutputError says that the folder holds a recording, which no camera can repeat.
     """
 
     def __init__(self, folder: Path, session: PhotoSession) -> None:
@@ -446,9 +440,8 @@ class Recorder:
         place = next(each for each in (folder, *folder.absolute().parents) if each.exists())
         if not (place.is_dir() and os.access(place, os.W_OK)):
             raise OutputError(f"cannot write {folder}; name another folder for --out")
-        self._folder, self._session = folder, session
-        self._stacks: dict[str, GrowingStack] = {}
-        self._table: GrowingTable | None = None
+        self._folder, self._session, self._count = folder, session, 0
+        self._columns: list[str] = []
 
     def __call__(self, pictures: "LivePictures", progress: "Progress") -> None:
         """Record a frame; coarse pictures, which a moving scene has, are left out."""
@@ -466,22 +459,22 @@ class Recorder:
             "noise_left": progress.noise_left or "", **choice.values,
         }  # fmt: skip
         with WRITING, unwritable_reported(self._folder):
-            if self._table is None:
-                self._folder.mkdir(parents=True, exist_ok=True)
-                places = {stem: self._folder / f"{stem}.npy" for stem in images}
-                self._stacks = {n: GrowingStack(places[n], f.shape) for n, f in images.items()}
-                self._table = GrowingTable(self._folder / "metrics.csv", row)
+            self._folder.mkdir(parents=True, exist_ok=True)
             for stem, image in images.items():
-                self._stacks[stem].append(image)
-            self._table.append(row)
+                append_array(self._folder / f"{stem}.npy", image, self._count)
+            with (self._folder / "metrics.csv").open("a", encoding="utf-8", newline="") as file:
+                self._columns = self._columns or [*row]
+                form: Any = {"extrasaction": "ignore", "lineterminator": "\n"}
+                table = csv.DictWriter(file, self._columns, **form)
+                if not self._count:
+                    table.writeheader()
+                table.writerow(row)
+            self._count += 1
 
     def close(self, numbers: Mapping[str, object]) -> None:
         """Write the summary of the frames, if there are any."""
-        if self._table is None:
+        if not self._count:
             return
-        files: list[GrowingTable | GrowingStack] = [self._table, *self._stacks.values()]
-        for each in files:
-            each.close()
         with output.output_files(self._folder / "summary.json") as (staged,):
-            self._session.write_summary(staged, {"frames": self._table.count, **numbers})
-        output.written(*(each.path for each in files))
+            self._session.write_summary(staged, {"frames": self._count, **numbers})
+        output.written(self._folder / "metrics.csv", *sorted(self._folder.glob("frames*.npy")))

@@ -62,7 +62,8 @@ SENTENCES = {
     ),
     "no_derivatives": "{scene} has no closed form: the standard errors ignore its declared errors",
     "transport_error": (
-        "{name} by {model} errs by {error:.3g} % of the light, more than the noise of {noise:.3g} %"
+        "{name} by {model} errs by {error:.3g} % of the light, more than a third of the noise of "
+        "{noise:.3g} %"
     ),
     "bounces": (
         "{scene}: light that bounces off other surfaces is {ratio:.2g} times the noise: pass "
@@ -71,10 +72,6 @@ SENTENCES = {
     "fine_grid": (
         "{patches:,} patches: {method} needs about {memory:.1f} GB of memory; after A, "
         "the fit takes {seconds:.0f} s or more on two cores, and the standard errors as long"
-    ),
-    "swapped": (
-        "{name}: patches of {given} (rows x columns) are {ratio:.2g} times as wide as high, those "
-        "of {other} nearly square: check the order"
     ),
     "hardly_seen": "the photograph hardly shows {name}: {percent:.2g} % of the light, if white",
     "glossy": "{scene}: {names} ({materials}) counts as diffuse, and the image may be wrong",

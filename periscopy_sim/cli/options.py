@@ -4,11 +4,10 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -21,7 +20,6 @@ from periscopy_sim.hidden import Sizes
 from periscopy_sim.numerics import validation
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
-from periscopy_sim.shipped import DARK, find_image
 from periscopy_sim.storage.places import place
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
@@ -31,45 +29,6 @@ GROUPS = None, SCENE, PHOTOGRAPH, OUTPUT, SOLVER, LIGHT, EXPERT
 
 RENAMED = {"background": "monitor-off", "backgrounds": "light-model"}
 """Former names of options, which still work."""
-
-
-def _existing_files(value: list[Path] | None) -> list[Path] | None:
-    """Return the entries ``[CAMERA=]FILE`` of an option; an error if a file does not exist."""
-    for entry in value or ():
-        _, equals, name = str(entry).partition("=")
-        if not (entry.exists() or (equals and Path(name).exists())):
-            raise typer.BadParameter(f"path '{name or entry}' does not exist.")
-    return value
-
-
-def _existing_images(value: Any) -> Any:
-    """Return the entries ``[ID=]IMAGE,...``, some of them folders; an error if one is missing."""
-    for entry in [value] if isinstance(value, str) else value or ():
-        own = entry.partition("=")[2] or entry
-        is_one = Path(entry).exists() or Path(own).exists()
-        for each in [entry] if is_one else entry.split(","):
-            name = each if Path(each).exists() else each.split("=", 1)[-1]
-            if not Path(name).is_dir():
-                find_image(name.strip())
-    return value
-
-
-def _existing_light(value: str | None) -> str | None:
-    """Return the name of a condition, or a photograph's file, that exists, or of no light."""
-    from periscopy_sim.shipped import find_condition, is_photograph
-
-    if value not in (None, DARK) and not is_photograph(value):
-        find_condition(str(value))
-    return value
-
-
-def _callback_of(form: str) -> Callable[[Any], Any] | None:
-    """Return what looks for the files of an option of this form, before a scene is loaded."""
-    if "IMAGE" in form:
-        return _existing_images
-    if form == "LIGHT":
-        return _existing_light
-    return _existing_files if "CAMERA=" in form else None
 
 
 def option(
@@ -88,7 +47,6 @@ def option(
     """
     # Rich takes a bracket for the start of a style.
     words = (words or validation.RANGES[kind].help).replace("[", r"\[")
-    more.setdefault("callback", _callback_of(form))
     if limits := validation.RANGES[kind].ends if kind else limits:
         least, most = limits
 
@@ -103,7 +61,7 @@ def option(
 
 def argument(form: str, words: str, **more: Any) -> Any:
     """Return an argument: the form of its value, its help in words, the rest as typer takes it."""
-    return typer.Argument(metavar=form, help=words, callback=_callback_of(form), **more)
+    return typer.Argument(metavar=form, help=words, **more)
 
 
 class OptionGroup:
@@ -121,13 +79,6 @@ class OptionGroup:
 
 
 # -- the options ---------------------------------------------------------------------------------
-
-
-class Model(StrEnum):
-    """How direct light of the transport matrix is computed."""
-
-    rendered = "rendered"
-    analytic = "analytic"
 
 
 _SCENE = "A Mitsuba XML file, or the name of a shipped scene."
@@ -170,7 +121,9 @@ MaskOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _MASK, group=PHOTOG
 MonitorOffOption = Annotated[FilesOfViews, option("[CAMERA=]FILE", _OFF, group=PHOTOGRAPH)]
 ColourMatrixOption = Annotated[Path | None, option("FILE", _COLOURS, group=PHOTOGRAPH, exists=True)]
 Samples = Annotated[int | None, option("NUMBER", _SAMPLES, group=LIGHT, kind="rays")]
-ModelOption = Annotated[Model | None, option("rendered|analytic", _MODEL, group=LIGHT)]
+ModelOption = Annotated[
+    Literal["rendered", "analytic"] | None, option("rendered|analytic", _MODEL, group=LIGHT)
+]
 BouncesOption = Annotated[str, option("direct|all|N", _BOUNCES, group=LIGHT)]
 _MATRIX = "Read A from an NPY file"
 MatrixOption = Annotated[
@@ -184,15 +137,7 @@ Out = Annotated[Path, option("FOLDER", "Folder to write.", group=OUTPUT)]
 ResumedFolder = Annotated[Path, option("FOLDER", _RESUMED, group=OUTPUT)]
 
 
-def place_of(text: str) -> Path:
-    """Return the place that a path or a URL names."""
-    try:
-        return place(text)
-    except PeriscopyError as error:
-        raise typer.BadParameter(str(error)) from error
-
-
-Store = Annotated[Path, option("FOLDER", _STORE, group=OUTPUT, parser=place_of)]
+Store = Annotated[Path, option("FOLDER", _STORE, group=OUTPUT, parser=str, callback=place)]
 OutFile = Annotated[Path, option("FILE", "File to write.", group=OUTPUT)]
 Seed = Annotated[int, option("NUMBER", group=EXPERT, kind="seed")]
 Snr = Annotated[float, option("DB", kind="decibels")]
@@ -356,9 +301,7 @@ def parse_definitions(definitions: Iterable[str] | None, flag: str = "-D") -> di
 def parse_sizes(entries: Sequence[str]) -> Sizes:
     """Read ``--hidden``: ``ROWSxCOLUMNS`` of the only surface, or ``ID=ROWSxCOLUMNS`` of each."""
     if entries and not any("=" in entry for entry in entries):
-        return validation.size_of(
-            entries[-1]
-        )  # the last counts, as of options that are not repeated
+        return validation.size_of(entries[-1])  # the last counts, as of other options
     pairs = parse_definitions(entries, "--hidden")
     return {name: validation.size_of(size) for name, size in pairs.items()}
 
@@ -564,8 +507,6 @@ class LightOptions(MonitorLight):
 
     def of(self, scenario: ps.Scenario) -> ps.Light:
         """Return how the light of a scenario is computed; B of files has its pixels."""
-        from dataclasses import replace
-
         from periscopy_sim.storage.transport_matrix import read_prototypes
 
         pixels = scenario.transport_shape[0]

@@ -41,16 +41,10 @@ class Outcome:
 
     quiet: bool = False
     as_json: bool = False
-    is_part: bool = False  # of another command, which shows the result instead
     numbers: dict[str, Any] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
     verdicts: list[tuple[str, str]] = field(default_factory=list)  # each with its colour
     warnings: list[str] = field(default_factory=list)
-
-    @property
-    def is_silent(self) -> bool:
-        """Whether only warnings and errors are printed."""
-        return self.quiet or self.is_part
 
     def show(self) -> None:
         """Print the files and then the verdicts, coloured on a terminal; or all as JSON."""
@@ -59,11 +53,11 @@ class Outcome:
             verdict = {"verdict": "; ".join(lines)} if lines else {}
             warnings = [*dict.fromkeys([*self.numbers.get("warnings", ()), *self.warnings])]
             files = {"files": [*map(str, self.files)], "warnings": warnings}
-            print(json_of({**verdict, **self.numbers, **files}), flush=True)
+            _put(json_of({**verdict, **self.numbers, **files}), sys.stdout)
             return
         if self.files:
             say(f"wrote {', '.join(map(str, dict.fromkeys(self.files)))}")
-        for line, colour in [] if self.is_part else self.verdicts:
+        for line, colour in self.verdicts:
             if not self.quiet:
                 Console(highlight=False).print(Text(printable(line), colour), soft_wrap=True)
             elif colour == "red":
@@ -80,11 +74,11 @@ def outcome() -> Outcome:
 
 
 @contextmanager
-def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
+def outcome_of(quiet: bool, as_json: bool) -> Iterator[Outcome]:
     """Collect the outcome of a command, and show it at the end; after an error only the files."""
     _OUTCOMES.append(Outcome(quiet, as_json))
     try:
-        yield
+        yield outcome()
     except BaseException:
         replace(outcome(), as_json=False, verdicts=[]).show()
         raise
@@ -94,31 +88,20 @@ def outcome_of(quiet: bool, as_json: bool) -> Iterator[None]:
         _OUTCOMES.pop()
 
 
-@contextmanager
-def part_of_command() -> Iterator[Outcome]:
-    """Collect the outcome of a command that another one runs, and show none of it."""
-    part = replace(outcome(), is_part=True, numbers={}, files=[], verdicts=[])
-    _OUTCOMES.append(part)
-    try:
-        yield part
-    finally:
-        _OUTCOMES.pop()
-
-
 def say(message: str, *, is_result: bool = False) -> None:
     """Print one line, or several, beside JSON to standard error; if quiet, a result alone."""
-    is_silent = outcome().is_silent and not is_result
+    is_silent = outcome().quiet and not is_result
     for line in [] if is_silent else message.split("\n"):
         if outcome().as_json:
             _complain(line)
         else:
-            _put(line, sys.stdout)
+            _put(printable(line), sys.stdout)
 
 
 def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> None:
     """Print rows: on a terminal as a table, else in aligned columns."""
     rows = [*rows]
-    if not rows or outcome().is_silent or outcome().as_json:
+    if not rows or outcome().quiet or outcome().as_json:
         return
     console = Console(highlight=False)
     if console.is_terminal:
@@ -132,7 +115,7 @@ def show_table(rows: Iterable[Sequence[str]], columns: Sequence[str] = ()) -> No
         table.add_row(*(Text(printable(cell)) for cell in row))
     with console.capture() as capture:
         console.print(table)
-    print("\n".join(map(str.rstrip, capture.get().splitlines())), flush=True)
+    _put("\n".join(map(str.rstrip, capture.get().splitlines())), sys.stdout)
 
 
 def record(**numbers: Any) -> None:
@@ -158,12 +141,12 @@ def warn(message: str, kind: str = "warning") -> None:
 
 
 def _complain(line: str) -> None:
-    _put(f"periscopy: {line}", sys.stderr)
+    _put(printable(f"periscopy: {line}"), sys.stderr)
 
 
-def _put(line: str, stream: TextIO) -> None:
-    """Print a line at once: `print` lets another thread's line between it and its end."""
-    stream.write(f"{printable(line)}\n")
+def _put(text: str, stream: TextIO) -> None:
+    """Print lines at once: `print` lets another thread's line between them and their end."""
+    stream.write(f"{text}\n")
     stream.flush()
 
 
@@ -301,9 +284,7 @@ def show_parts(**numbers: int) -> None:
 def show_time(seconds: float, *apart: str) -> None:
     """Print how long a command takes, but for what is apart."""
     record(estimated_seconds=round(seconds))
-    number, unit = max(float(f"{seconds:.2g}"), 1.0), "s"
-    for unit_seconds, name in ((3600, "hours"), (60, "minutes")):
-        if seconds > 1.5 * unit_seconds:
-            number, unit = float(f"{seconds / unit_seconds:.2g}"), name
-            break
+    units = {"hours": 3600, "minutes": 60, "s": 1}
+    unit = next((name for name, size in units.items() if seconds > 1.5 * size), "s")
+    number = max(float(f"{seconds / units[unit]:.2g}"), 1.0)
     say(" and ".join([f"about {number:g} {unit}", *apart]))

@@ -1,6 +1,5 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
-import re
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -27,12 +26,8 @@ if TYPE_CHECKING:
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
 
 
-def check_file_names(path: Path, what: str, names: Iterable[str]) -> None:
-    """Reject ids of a scene's hidden surfaces or cameras that cannot be parts of files' names."""
-    for name in names:
-        if not re.fullmatch(r"[\w.-]+", name):
-            form = "letters, digits, '_', '-' and '.'"
-            raise ps.PeriscopyError(f"scene '{path}': {what} '{name}': give it an id of {form}")
+ALL_BUT_SHADOWS = "other_lights", "glossy"
+"""Codes of notes on a scene that are of A alone: a photograph and a drawing have no A."""
 
 
 @dataclass(eq=False)
@@ -72,20 +67,10 @@ class Session(options.OptionGroup):
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
             scene = ps.load_scene(self.path, self.definitions)
-            if len(scene.emission) > 1:
-                check_file_names(self.path, "hidden surface", scene.emission)
             sizes = self.sizes or dict.fromkeys(scene.emission, self.patches)
-            scenario = ps.load_scenario(
+            return ps.load_scenario(
                 scene, sizes, photograph=self.pixels, camera=self.sensor, seed=self.seed
             )
-        for name, surface in scenario.hidden.items() if self.sizes else ():
-            (rows, columns), sides = surface.shape, (surface.across, surface.up)
-            across, up = (np.median(np.linalg.norm(each, axis=1)) for each in sides)
-            given, other = across / up, across / up * (columns / rows) ** 2
-            if 2 * abs(np.log(other)) < abs(np.log(given)):
-                swapped = {"given": f"{rows}x{columns}", "other": f"{columns}x{rows}"}
-                self.warn(messages.sentence("swapped", name=name, ratio=given, **swapped))
-        return scenario
 
     @property
     def sensor(self) -> str:
@@ -136,17 +121,11 @@ class Session(options.OptionGroup):
             self.settings |= light.origin
         return replace(self.scenario, light=lit)
 
-    def check_scene(self, method: str = "") -> None:
+    def check_scene(self, method: str = "", but: Collection[str] = ()) -> None:
         """Reject a scene that a method, or the memory, cannot take; warn of what A lacks."""
         scenario = self.scenario  # loading it is a stage of its own
         with self.timed("check the scene"), progress("checking the scene"):
-            self.warn_of(scenario.check(method))
-
-    def check_shadows(self) -> None:
-        """Warn where no occluder casts a shadow into the camera's view."""
-        scenario = self.scenario
-        with self.timed("check the scene"), progress("checking the scene"):
-            self.warn_of(scenario.check(), but=("other_lights", "glossy"))
+            self.warn_of(scenario.check(method), but)
 
     def warn_of(self, notes: "Iterable[Note]", but: Collection[str] = ()) -> None:
         """Print notes, one line each, but for those of some codes."""
@@ -304,8 +283,6 @@ class PhotoSession(WallSession):
                 f"photographs: {len(photos)}, cameras: {', '.join(cameras)}; give each photograph "
                 "a --camera of its own, in their order"
             )
-        if len(cameras) > 1:
-            check_file_names(self.path, "camera", cameras)
         masks = options.files_of_view("--mask", self.mask, cameras)
         off = options.files_of_view("--monitor-off", self.monitor_off, cameras)
         views = {each: copy(self) for each in cameras}

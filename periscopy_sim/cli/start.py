@@ -113,7 +113,8 @@ def demo(
     pictures.append(("photograph of the wall", panels.displayable(y)))
     rows = []
     for method, title in METHODS.items():
-        with output.part_of_command() as part:
+        doing = output.progress(f"reconstructing by {method}")
+        with doing, output.outcome_of(quiet=True, as_json=False) as part:
             reconstruct(
                 photo=[photo], session=PhotoSession(*chair), light=LightOptions(), out=out / method,
                 method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",

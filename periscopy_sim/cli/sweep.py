@@ -16,32 +16,15 @@ import numpy as np
 import typer
 
 import periscopy_sim as ps
-from periscopy_sim.cli import options
-from periscopy_sim.cli.output import (
-    counted,
-    output_files,
-    progress,
-    record,
-    say,
-    show_parts,
-    show_table,
-    show_time,
-    written,
-)
+from periscopy_sim.cli import options, output
 from periscopy_sim.cli.session import WallSession
-from periscopy_sim.errors import (
-    SWEEP,
-    ConfigurationError,
-    OutputError,
-    PeriscopyError,
-    did_you_mean,
-    require_all,
-)
+from periscopy_sim.errors import SWEEP, ConfigurationError, OutputError, did_you_mean, require_all
 from periscopy_sim.evaluation.sweep_store import read_sweep
 from periscopy_sim.figures import style, sweeps
 from periscopy_sim.numerics.validation import RANGES, in_range, number_of
 from periscopy_sim.shipped import DARK
 from periscopy_sim.storage import formats, outputs
+from periscopy_sim.storage.places import place
 from periscopy_sim.storage.store import attributes_of
 
 if TYPE_CHECKING:
@@ -82,13 +65,14 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
         value = given[each.name]
         parts = value if isinstance(value, dict) else {}
         whole = {each.name: value, **{f"{each.name}: {name}": part for name, part in parts.items()}}
-        if empty := [name for name, part in whole.items() if part in (None, "", [], {})]:
+        if empty := [name for name, part in whole.items() if part in ("", [], {})]:
             raise ConfigurationError(f"{file}: {empty[0]}: give a value, or leave the entry out")
         if parts and not each.multiple:
             raise ConfigurationError(f"{file}: {each.name}: give a value, or a list")
-        context.default_map[each.name] = _entries(value) if each.multiple else _words(value)
+        texts = _texts(value)
+        context.default_map[each.name] = texts if each.multiple else ",".join(texts)
         if isinstance(value, dict):
-            each.callback = partial(_joined, context.default_map[each.name])
+            each.callback = partial(_joined, texts)
     return file
 
 
@@ -100,16 +84,11 @@ def _joined(study: list[str], _context: Any, _option: Any, given: list[str]) -> 
     return [*(entry for entry in study if entry.partition("=")[0] not in names), *given]
 
 
-def _entries(value: Any) -> list[str]:
-    """Return what an option that is repeated is given."""
+def _texts(value: Any) -> list[str]:
+    """Return what an option is given, repeated."""
     if isinstance(value, dict):
-        return [f"{name}={_words(each)}" for name, each in value.items()]
-    return [_words(each) for each in (value if isinstance(value, list) else [value])]
-
-
-def _words(value: Any) -> str:
-    """Return what an option is given once."""
-    return ",".join(map(str, value if isinstance(value, list) else [value]))
+        return [f"{name}={','.join(_texts(each))}" for name, each in value.items()]
+    return [*map(str, value)] if isinstance(value, list) else [str(value)]
 
 
 _STUDY = "YAML with these, SCENE and --out too; the command line's count first."
@@ -205,8 +184,8 @@ def sweep(
     def planned(swept: "Sweep", missing: Sequence[Mapping[str, Any]]) -> None:
         _show_work(work := SweepWork.of(swept, missing))
         if (total := work.seconds(thread_count(scheduler))) is not None:
-            calibrations = counted(len(work.calibrations), "calibration")
-            show_time(total, *[calibrations] * bool(work.calibrations))
+            calibrations = output.counted(len(work.calibrations), "calibration")
+            output.show_time(total, *[calibrations] * bool(work.calibrations))
 
     def noted(notes: "Sequence[Note | str]") -> None:
         for each in notes:
@@ -216,33 +195,33 @@ def sweep(
         session.lit(light), shown, out, methods=names, ambient=places, flips=flips, seeds=seeds,
         vary=axes, **levels, photograph=wall, mask=mask, monitor_off=monitor_off,
         scheduler=scheduler, planned=planned,
-        timed=lambda method, taken: seconds[method].append(taken), noted=noted, progress=progress,
-        command=["periscopy", *sys.argv[1:]],
+        timed=lambda method, taken: seconds[method].append(taken), noted=noted,
+        progress=output.progress, command=["periscopy", *sys.argv[1:]],
     )  # fmt: skip
     with outputs.staged_file(out / "sweep.png") as file:
         sweeps.draw_sweep(file, results, metadata=session.metadata)
     _show_means(results)
     medians = {name: float(np.median(seconds[name])) for name in names if name in seconds}
     times = [[name, f"{median:.2g} s"] for name, median in medians.items()]
-    show_table(times, ["method", "median time of a core for a photograph"])
+    output.show_table(times, ["method", "median time of a core for a photograph"])
     computed = sum(map(len, seconds.values()))
-    say(f"computed {computed} of {results['failure'].size} results")
-    record(seconds=medians, computed=computed, results=results["failure"].size)
-    written(*(out / name for name in ("sweep.zarr", "sweep.csv", "sweep.png")))
+    output.say(f"computed {computed} of {results['failure'].size} results")
+    output.record(seconds=medians, computed=computed, results=results["failure"].size)
+    output.written(*(out / name for name in ("sweep.zarr", "sweep.csv", "sweep.png")))
 
 
 def _show_work(work: "SweepWork") -> None:
     """Print the results as a product over the axes, and what those that are missing need."""
-    record(missing=work.missing, results=work.results)
+    output.record(missing=work.missing, results=work.results)
     if not work.missing:
         return
     words = [
-        counted(size, AXES[name]) if name in AXES else f"{size} values of {name}"
+        output.counted(size, AXES[name]) if name in AXES else f"{size} values of {name}"
         for name, size in work.sizes.items() if size > 1 or name in ("algorithm", "image")
-    ] + [counted(work.flips, "flip")] * (work.flips > 1)  # fmt: skip
+    ] + [output.counted(work.flips, "flip")] * (work.flips > 1)  # fmt: skip
     left = f"{work.missing:,} of " if work.missing < work.results else ""
-    say(f"{left}{counted(work.results, 'result')}: {' x '.join(words)}")
-    show_parts(**work.to_make)
+    output.say(f"{left}{output.counted(work.results, 'result')}: {' x '.join(words)}")
+    output.show_parts(**work.to_make)
 
 
 def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str, dict[str, str]]:
@@ -283,17 +262,17 @@ def _show_means(results: "xr.Dataset") -> None:
         table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
         table = table.rename(columns="{:g}".format)
         values = table.astype(object).where(np.isfinite(table), None).reset_index()
-        record(**{surface: values.to_dict("records")})
+        output.record(**{surface: values.to_dict("records")})
         cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
         lights = [
             "no ambient light" if r == "inf" else f"SBR {float(r):.3g}" for r in table.columns
         ]
         header = [title, *kept[1:], *lights]
-        show_table(cells.astype(str).values.tolist(), header)
+        output.show_table(cells.astype(str).values.tolist(), header)
     dims = [n for n in results["failure"].dims if n not in (*kept, "sbr", *UNITS)]
     if pooled := [str(n) for n in dims if results.sizes[n] > 1]:
-        say(f"all means are over {', '.join(pooled)}, too; 'periscopy plot' shows each")
+        output.say(f"all means are over {', '.join(pooled)}, too; 'periscopy plot' shows each")
     axis, names = kept[-1], results["algorithm"].values.tolist()
     first, *others = results[axis].values.tolist()
     for surface in surfaces if others else ():
@@ -306,16 +285,16 @@ def _show_means(results: "xr.Dataset") -> None:
                 within = f" ± {half:.1f}" if np.isfinite(half) else ""
                 what = ", ".join([surface, *method, f"{first} minus {name}"])
                 shown.append([what, f"{mean:.1f}{within} dB", counted_units([one])])
-    show_table(shown, ["difference", "95 %", "n"])
+    output.show_table(shown, ["difference", "95 %", "n"])
     if "trusted" in results:  # each by one calibration for all methods
         trusted = results["trusted"].max("algorithm")
         if count := trusted.count().item():
-            say(f"{trusted.sum().item():g} of {count} calibrations are trusted")
+            output.say(f"{trusted.sum().item():g} of {count} calibrations are trusted")
     for name in names:
         messages = results["failure"].sel({"algorithm": name}).values.ravel()
         failed = messages[messages != ""]
         if failed.size:
-            say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")
+            output.say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")
 
 
 def parse_values(text: str, flag: str) -> list[Any]:
@@ -363,7 +342,7 @@ PICTURES, TABLES = (".png", ".pdf", ".svg"), (".tex", ".csv")
 
 
 def plot(
-    folder: Annotated[Path, options.argument("SWEEP", _SWEEP, parser=options.place_of)],
+    folder: Annotated[Path, options.argument("SWEEP", _SWEEP, parser=str, callback=place)],
     out: Annotated[Path, options.option("FILE", _OUT, group=options.OUTPUT)],
     metric: Annotated[str, options.option("NAME", _METRIC)] = "psnr",
     over: Annotated[str, options.option("AXIS", _OVER)] = "",
@@ -376,7 +355,7 @@ def plot(
     """Draw what the last sweep asked for, or write its table."""
     require_all(*SWEEP)
     if out.suffix in TABLES and (over or panels):
-        raise PeriscopyError("--over and --panels are of figures: a table has a row for each value")
+        raise ps.PeriscopyError("--over and --panels are of figures; leave them out")
     if out.suffix not in (endings := (*PICTURES, *TABLES)):
         raise OutputError(f"--out {out}: name a file that ends in {', '.join(endings)}")
     held = options.parse_definitions(at, "--at")
@@ -387,14 +366,14 @@ def plot(
         texts[axis].append(value)
     store = attributes_of(folder / "sweep.zarr")
     if "axes" not in store:
-        raise PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
+        raise ps.PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
     asked = {name: values for name, values in store.get("asked", {}).items() if name not in texts}
     if reference and axis in asked:
         kept = [*asked[axis], *(v for v in store["axes"][axis] if v in (value, number_of(value)))]
         asked[axis] = [*dict.fromkeys(kept)]
     results = _complete(_held(read_sweep(folder / "sweep.zarr", asked), texts))
     if others := [each for each in asked if len(asked[each]) < len(store["axes"][each])]:
-        say(
+        output.say(
             f"as the last sweep asked; {folder} holds more values of {', '.join(others)}, which "
             "--at NAME=VALUES draws"
         )
@@ -403,13 +382,13 @@ def plot(
 
         results = differences(results, sweeps.surfaces_of(results, metric), value, axis)
     results = sweeps.labelled(results, metric, options.parse_definitions(label, "--label"))
-    with output_files(out) as (file,):
+    with output.output_files(out) as (file,):
         if out.suffix == ".csv":
             sweeps.table_of(results, metric).to_csv(file, index=False, lineterminator="\n")
         elif out.suffix == ".tex":
             file.write_text(sweeps.latex_of(results, metric, f"tab:{out.stem}"), "utf-8")
         else:
-            say(
+            output.say(
                 sweeps.draw_sweep(
                     file, results, metric=metric, over=over, panels=panels, width=width
                 )
@@ -421,13 +400,13 @@ def _held(results: "xr.Dataset", at: Mapping[str, Sequence[str]]) -> "xr.Dataset
     for axis, texts in at.items():
         if axis not in results.coords:
             axes = [str(name) for name in results.psnr.dims] if "psnr" in results else []
-            raise PeriscopyError(f"--at {axis}: {did_you_mean(axis, axes) or 'no such axis'}")
+            raise ps.PeriscopyError(f"--at {axis}: {did_you_mean(axis, axes) or 'no such axis'}")
         values: list[Any] = results[axis].values.tolist()
         matches = [[each for each in values if each in (t, number_of(t))] for t in texts]
         kept = [*dict.fromkeys(each for match in matches for each in match)]
         if not all(matches):
             text = ",".join(texts)
-            raise PeriscopyError(f"--at {axis}={text}: there are {', '.join(map(str, values))}")
+            raise ps.PeriscopyError(f"--at {axis}={text}: there are {', '.join(map(str, values))}")
         results = results.sel({axis: kept})
     return results.assign_attrs(held=[*at])
 
@@ -441,12 +420,12 @@ def _complete(results: "xr.Dataset") -> "xr.Dataset":
         for axis in lacks.dims
     }
     if lacks.all():
-        raise PeriscopyError("the sweep has no result yet; run it again, it goes on")
+        raise ps.PeriscopyError("the sweep has no result yet; run it again, it goes on")
     if left := int(lacks.sum()):
-        say(f"{left} of {lacks.size} results are not there yet: run the same 'periscopy sweep'")
+        output.say(f"{left} of {lacks.size} results are missing: run the same 'periscopy sweep'")
     results, lacks = results.sel(begun), lacks.sel(begun)
     if left := int(lacks.sum()):
-        raise PeriscopyError(
+        raise ps.PeriscopyError(
             f"{left} of {lacks.size} results are missing; run the same 'periscopy sweep' "
             "again, which goes on, or hold some values by --at"
         )

@@ -492,6 +492,10 @@ class Bounced(Strict):
     bounces: Annotated[int, ranged("bounces"), Field(ge=2)] | None = None  # reflections at most
 
 
+SOURCES = "hidden_images", "ambient", "scenes"
+"""Entries that are lists of sources."""
+
+
 class Configuration(Strict):
     """A data set's description; ``example.yaml`` beside this file explains each entry.
 
@@ -545,17 +549,11 @@ class Configuration(Strict):
         """Return the number of geometries; the last may be cut short."""
         return -(-self.count // self.samples_per_geometry)
 
-    @property
-    def sources(self) -> dict[str, tuple[Source, ...]]:
-        """Return the lists that are drawn from, by their entries' names."""
-        lists = {"hidden_images": self.hidden_images, "ambient": self.ambient}
-        return {**lists, "scenes": self.scenes}
-
     def located(self) -> "Configuration":
         """Return the configuration with absolute paths; an error names one that does not exist."""
         lists = {
-            name: tuple(source.located(self.folder) for source in sources)
-            for name, sources in self.sources.items()
+            name: tuple(source.located(self.folder) for source in getattr(self, name))
+            for name in SOURCES
         }
         return self.model_copy(update=lists)
 
@@ -564,8 +562,8 @@ class Configuration(Strict):
         entries = self.model_dump(mode="json", exclude={"count", "folder"})
         if self.colour_matrix is None:
             del entries["colour_matrix"]  # older data sets have none
-        for name, sources in self.sources.items():
-            for entry, source in zip(entries[name], sources, strict=True):
+        for name in SOURCES:
+            for entry, source in zip(entries[name], getattr(self, name), strict=True):
                 entry |= source.identity()
         return entries
 

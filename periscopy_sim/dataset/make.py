@@ -1,30 +1,17 @@
 """Make a data set: blocks that it lacks, on this machine or on Dask workers."""
 
-import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
+from periscopy_sim.dataset import samples
 from periscopy_sim.dataset.configuration import Bounced, Configuration, load_configuration
 from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
-from periscopy_sim.dataset.samples import (
-    Backgrounds,
-    Block,
-    GeometryDraw,
-    RenderedGeometry,
-    backgrounds_of,
-    draw_geometry,
-    make_samples,
-    missing_lights,
-    render_geometry,
-    scenario_of,
-)
-from periscopy_sim.errors import ConfigurationError, OutputError
+from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
 from periscopy_sim.numerics.machine import Stage, ahead, core_count, silent, timed
 from periscopy_sim.rendering.variant import require_vectorized
@@ -57,7 +44,7 @@ class Work:
     samples: int
     geometries: int
     lights: int  # ambient conditions that are rendered
-    megabytes: float  # of the samples, before compression
+    size: int  # bytes of the samples, before compression
 
 
 def make_dataset(
@@ -117,11 +104,11 @@ def make_dataset(
         settings = settings.model_copy(update={"count": count})
     check_place(out, "data set")
     require_vectorized("a data set")
-    draws = [draw_geometry(settings, number) for number in range(settings.geometries)]
-    first = scenario_of(settings, draws[0])
+    draws = [samples.draw_geometry(settings, number) for number in range(settings.geometries)]
+    first = samples.scenario_of(settings, draws[0])
     for draw in {draw.source: draw for draw in reversed(draws)}.values():
         # An error of any scene comes before anything is written.
-        scenario = scenario_of(settings, draw)
+        scenario = samples.scenario_of(settings, draw)
         _check_shape(draw.number, scenario, first.photograph_shape)
         if lights := ", ".join(scenario.scene.lights):
             what = f"{scenario.path}: no photograph has the light of {lights}"
@@ -141,43 +128,34 @@ def make_dataset(
     }
     check_scheduler(scheduler, out)
     with outputs.alone_in(out / MAKING):
-        labels = _labels(settings, draws)
-        store = BlockStore(out, layout.of_store(), attributes, labels)
+        store = BlockStore(out, layout.of_store(), attributes, _labels(settings, draws))
         blocks_each = settings.samples_per_geometry // layout.block
         by_geometry = groupby(
             (block for (block,) in store.missing()), lambda block: block // blocks_each
         )
         shares = {geometry: list(blocks) for geometry, blocks in by_geometry}
         made = sum(store.layout.size((n,)) for blocks in shares.values() for n in blocks)
-        done, blocks = layout.count - made, sum(map(len, shares.values()))
+        done = layout.count - made
         if planned is not None:
-            rooms = missing_lights(settings, first) if shares else 0
-            planned(Work(made, len(shares), rooms, 1e-6 * made * layout.sample_bytes))
-        begun: dict[int, RenderedGeometry] = {}
+            rooms = samples.missing_lights(settings, first) if shares else 0
+            planned(Work(made, len(shares), rooms, made * layout.sample_bytes))
+        maker = _Maker(settings, layout.photograph_shape, store)
         if shares and scheduler is None and estimated is not None:
-            flat = settings, layout.photograph_shape, backgrounds_of(settings, first)
+            maker.backgrounds = samples.backgrounds_of(settings, first)
             number, (block, *_) = next(iter(shares.items()))
-            of_geometry, begun[number] = timed(partial(_geometry, flat, number))
-            together = [(begun[number], block)] * core_count()  # as many as run at once
-            of_all, tried = timed(lambda: [*ahead(partial(_block, flat), together)])
-            with TemporaryDirectory() as folder:
-                trial = BlockStore(Path(folder), store.layout, attributes, labels)
-                of_block = timed(partial(trial.write, (block,), tried[0][1]))[0]
-            of_block += of_all / len(together)
-            estimated((len(shares) - 1) * of_geometry + blocks * of_block)
-        backgrounds = backgrounds_of(settings, first, rendering) if shares else {}
-        shared = settings, layout.photograph_shape, backgrounds
-        for block, values in _made(shared, shares, scheduler, store, begun):
+            of_geometry, geometry = timed(partial(maker.geometry, number))
+            together = [(geometry, block)] * core_count()  # as many as run at once
+            of_all = timed(lambda: [*ahead(maker.block, together)])[0]
+            of_block = of_all / len(together) * sum(map(len, shares.values()))
+            estimated((len(shares) - 1) * of_geometry + of_block)
+        maker.backgrounds = samples.backgrounds_of(settings, first, rendering) if shares else {}
+        for block, values in maker.made(shares, scheduler):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.
             report(done, layout.count)
             if values:
                 store.write((block,), values)
             done += store.layout.size((block,))
         report(done, layout.count)
-        if len(store.records.blocks()) < math.prod(store.layout.grid):
-            raise OutputError(
-                f"{out}: workers wrote elsewhere; give a folder that all machines have there"
-            )
     filled = {draw.split for draw in draws}
     empty = (name for name, share in settings.splits if share > 0 and name not in filled)
     return Made(layout.count, made, len(shares), tuple(empty))
@@ -191,66 +169,61 @@ def _check_shape(geometry: int, scenario: Scenario, expected: tuple[int, int]) -
         )
 
 
-def _made(
-    shared: "_Shared",
-    shares: Mapping[int, Sequence[int]],
-    scheduler: str | None,
-    store: BlockStore,
-    begun: dict[int, RenderedGeometry],
-) -> Iterator[tuple[int, Block]]:
-    """Yield blocks with their numbers, geometry by geometry, each where a worker is free.
+class _Maker:
+    """What makes blocks of a data set, here or on workers.
 
-    Workers write to a place that all reach themselves: such blocks are empty. Geometries that are
-    `begun` are not rendered again.
+    Workers write to a place that all reach themselves: the blocks that they return are empty.
     """
-    if scheduler is None or not shares:
-        # A of a geometry is made here, beside the last photographs of the one before on threads.
-        ready = (
-            (begun.pop(number) if number in begun else _geometry(shared, number), blocks)
-            for number, blocks in shares.items()
-        )
-        work = ((geometry, block) for geometry, blocks in ready for block in blocks)
-        yield from ahead(partial(_block, shared), work)
-        return
-    shared_store = store if places.is_shared(store.path) else None
-    with connect(scheduler) as client:
-        for _, blocks in compute(client, _make_share, (shared, shared_store), shares.items()):
-            yield from blocks
+
+    def __init__(self, settings: Configuration, shape: tuple[int, int], store: BlockStore) -> None:
+        self.settings, self.shape = settings, shape
+        self.store = store if places.is_shared(store.path) else None
+        self.backgrounds: samples.Backgrounds = {}
+        self._latest: tuple[int, samples.RenderedGeometry] | None = None
+
+    def made(
+        self, shares: Mapping[int, Sequence[int]], scheduler: str | None
+    ) -> Iterator[tuple[int, samples.Block]]:
+        """Yield blocks with their numbers, geometry by geometry, each where a worker is free."""
+        if scheduler is None or not shares:
+            # A of a geometry is made here, beside the last photographs of the one before.
+            ready = ((self.geometry(number), blocks) for number, blocks in shares.items())
+            work = ((geometry, block) for geometry, blocks in ready for block in blocks)
+            yield from ahead(self.block, work)
+            return
+        with connect(scheduler) as client:
+            for _, blocks in compute(client, _Maker.share, self, shares.items()):
+                yield from blocks
+
+    def share(self, share: tuple[int, Sequence[int]]) -> list[tuple[int, samples.Block]]:
+        """Return the blocks of a geometry."""
+        number, blocks = share
+        if self.store is not None:
+            self.store.check_seen()  # before an hour's work
+        geometry, made = self.geometry(number), []
+        for block, values in (self.block((geometry, each)) for each in blocks):
+            if self.store is not None:
+                self.store.write((block,), values)
+            made.append((block, values if self.store is None else {}))
+        return made
+
+    def geometry(self, number: int) -> samples.RenderedGeometry:
+        """Return a geometry; the latest one is kept."""
+        latest = self._latest  # a worker's threads share it
+        if latest is None or latest[0] != number:
+            geometry = samples.render_geometry(self.settings, number)
+            _check_shape(number, geometry.scenario, self.shape)
+            latest = self._latest = number, geometry
+        return latest[1]
+
+    def block(self, item: tuple[samples.RenderedGeometry, int]) -> tuple[int, samples.Block]:
+        """Return the number of a block, and the block."""
+        (geometry, number), size = item, self.settings.samples_per_shard
+        start, stop = number * size, (number + 1) * size
+        return number, samples.make_samples(self.settings, geometry, self.backgrounds, start, stop)
 
 
-_Shared = tuple[Configuration, tuple[int, int], Backgrounds]
-"""The configuration, the photographs' (rows, columns), and the ambient light."""
-
-
-def _make_share(
-    given: tuple[_Shared, BlockStore | None], share: tuple[int, Any]
-) -> list[tuple[int, Block]]:
-    (shared, store), (number, blocks), made = given, share, []
-    if store is not None:
-        store.check_seen()  # before an hour's work
-    geometry = _geometry(shared, number)
-    for block, values in (_block(shared, (geometry, each)) for each in blocks):
-        if store is not None:
-            store.write((block,), values)
-        made.append((block, values if store is None else {}))
-    return made
-
-
-def _geometry(shared: _Shared, number: int) -> RenderedGeometry:
-    settings, shape, _ = shared
-    geometry = render_geometry(settings, number)
-    _check_shape(number, geometry.scenario, shape)
-    return geometry
-
-
-def _block(shared: _Shared, item: tuple[RenderedGeometry, int]) -> tuple[int, Block]:
-    """Return the number of a block, and the block."""
-    (settings, _, backgrounds), (geometry, number) = shared, item
-    start, stop = (n * settings.samples_per_shard for n in (number, number + 1))
-    return number, make_samples(settings, geometry, backgrounds, start, stop)
-
-
-def _labels(settings: Configuration, draws: Sequence[GeometryDraw]) -> dict[str, Label]:
+def _labels(settings: Configuration, draws: Sequence[samples.GeometryDraw]) -> dict[str, Label]:
     """Return each geometry's scene, split and parameters, and the channels' names."""
     variables: dict[str, list[Any]] = {
         "geometry_scene": [Path(settings.scenes[draw.source].scene).stem for draw in draws],

@@ -21,8 +21,8 @@ from periscopy_sim.figures.panels import draw_panels
 from periscopy_sim.hidden import named
 from periscopy_sim.numerics.validation import RANGES
 from periscopy_sim.storage import outputs, rasters
-from periscopy_sim.storage.places import address, bytes_in, place
-from periscopy_sim.storage.store import MAKING, Records, StoreLayout, attributes_of, opened
+from periscopy_sim.storage.places import address, place
+from periscopy_sim.storage.store import MAKING, Records, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -255,7 +255,6 @@ def describe(path: str | Path) -> dict[str, Any]:
             "finished": sum(map(records.layout.size, records.held())),
             "photograph": list(layout.photograph_shape),
             "hidden": layout.attributes["hidden_shape"],
-            "bytes": bytes_in(path),
             "seed": attributes["configuration"]["seed"],
             "versions": attributes["versions"],
         }
@@ -377,9 +376,11 @@ class TorchDataset:
 
     def __getitems__(self, indices: Sequence[int]) -> list[Any]:
         """Return the samples of a batch, read at once, as PyTorch's loaders ask for them."""
+        import zarr
+
         # An archive opened before a fork waits for threads that the fork has left behind.
         if self._opened is None or self._opened[0] != os.getpid():
-            self._opened = os.getpid(), opened(self.path)
+            self._opened = os.getpid(), zarr.open_group(**address(self.path), mode="r")
         group = self._opened[1]
         chosen = self.samples[np.array([*map(operator.index, indices)], int)]
         wanted, places = np.unique(chosen, return_inverse=True)

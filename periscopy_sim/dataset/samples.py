@@ -33,11 +33,10 @@ from periscopy_sim.dataset.reading import BOUNCED_ERROR, LABELS
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.hidden import named
 from periscopy_sim.light import Light
-from periscopy_sim.measurement import add_noise
+from periscopy_sim.measurement import add_noise, allowed_error
 from periscopy_sim.numerics import Array, products
 from periscopy_sim.numerics.machine import Stage, in_parallel
 from periscopy_sim.rendering.bounced import BouncedTransport, channels_mean
-from periscopy_sim.rendering.photograph import allowed_error
 from periscopy_sim.scenario import Scenario, load_scenario
 from periscopy_sim.storage.photographs import read_photograph
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,9 +22,9 @@ from periscopy_sim.errors import SWEEP, PeriscopyError, SceneError, did_you_mean
 from periscopy_sim.evaluation.sweep import Sweep, cell_seconds, flipped_names, run_sweep
 from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.workers import check_scheduler
-from periscopy_sim.evaluation.worlds import ASSUMED, KNOWN, Worlds, warn_of
+from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
 from periscopy_sim.judgement import check_error
-from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.measurement import ambient_target, noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Mask, validation
@@ -76,11 +77,11 @@ class SweepWork:
     sizes: dict[str, int]  # of the axes; backgrounds without their flips
     flips: int
     missing: int
-    first: Values | None = None  # missing cell whose methods need a matrix
+    first: Values | None = None  # missing cell of the largest SNR whose methods need a matrix
     cells: Counter[str] = field(default_factory=Counter)  # missing, by method, without calibrations
     photographs: set[Any] = field(default_factory=set)
     lights: dict[Any, str] = field(default_factory=dict)  # names of ambient light
-    matrices: dict[Any, int] = field(default_factory=dict)
+    matrices: set[Any] = field(default_factory=set)
     fits: set[Any] = field(default_factory=set)
     calibrations: set[Any] = field(default_factory=set)  # photographs that calibrate
 
@@ -94,7 +95,7 @@ class SweepWork:
         """Numbers of photographs, ambient light, matrices and calibrations."""
         return {
             "photograph": len(self.photographs), "ambient_light": len(self.lights),
-            "matrix": sum(self.matrices.values()), "calibration": len(self.calibrations),
+            "matrix": len(self.matrices), "calibration": len(self.calibrations),
         }  # fmt: skip
 
     @classmethod
@@ -110,26 +111,27 @@ class SweepWork:
             values = {name: cell[name] for name in sweep.vary}
             place = worlds.place(values)
             places.setdefault(place, values)
-            work.photographs |= {(place, name, cell["snr"]) for name in rendered}
-            if count := worlds.matrices(values):
-                light, snr = worlds.light(values), cell["snr"]
-                way = light.samples or snr, light.by
-                work.matrices[worlds.place(values, ASSUMED), *way] = count
+            snr = cell["snr"]
+            work.photographs |= {(place, name, snr) for name in rendered}
+            if matrices := worlds.matrices(values, snr):
+                work.matrices |= matrices
                 work.fits.add((snr, *values.values()))
                 work.cells[cell["algorithm"]] += 1
-                work.first = work.first or cell
+                if work.first is None or snr > work.first["snr"]:
+                    work.first = cell
             else:
                 work.calibrations.add((*(v for name, v in cell.items() if name != "algorithm"),))
-        for values in [*places.values()][:SCENES]:
+        targets = {ambient_target(cell["snr"]) for cell in missing}
+        for values, target in product([*places.values()][:SCENES], targets):
             with suppress(SceneError):  # which fails alone
-                work.lights |= worlds.at(values).missing_ambient(worlds.traced)
+                work.lights |= worlds.at(values).missing_ambient(worlds.traced, target)
         return work
 
     def seconds(self, threads: int) -> float | None:
         """Return how long the missing cells take on some threads, but for calibrations.
 
-        The parts of the first one's world, which are made, and one more fit are timed. None where
-        all calibrate, or that world is an error, which the sweep meets.
+        The parts of one world of the largest SNR, which take longest and are made, and one more fit
+        are timed. None where all calibrate, or that world is an error, which the sweep meets.
         """
         worlds: Worlds = self.sweep.world
         if (first := self.first) is None:
@@ -148,13 +150,13 @@ class SweepWork:
             world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
             trial = {name: {**first, "algorithm": name} for name in self.cells}
             of_cell, writing = cell_seconds(self.sweep, world, trial)
-            of_lights = self._light(worlds.at(values), worlds)
+            of_lights = self._light(worlds.at(values), worlds, ambient_target(snr))
         except PeriscopyError:
             return None
         return (
             of_photographs * (len(self.photographs) / len(worlds.shown) - 1)
             + of_lights
-            + of_matrices * (sum(self.matrices.values()) / worlds.matrices(values) - 1)
+            + of_matrices * (len(self.matrices) / len(worlds.matrices(values, snr)) - 1)
             + of_fit * (len(self.fits) - 1)
             + sum(self.cells[n] * (each / threads + writing) for n, each in of_cell.items())
         )
@@ -169,15 +171,15 @@ class SweepWork:
         worlds.fitted(snr, values, wall)
         return made - started, time.perf_counter() - made
 
-    def _light(self, scenario: Scenario, worlds: Worlds) -> float:
+    def _light(self, scenario: Scenario, worlds: Worlds, target: float) -> float:
         """Return the seconds of missing ambient light but for the quickest, which is made."""
         costs = sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
-        missing = scenario.missing_ambient(worlds.traced).values()
+        missing = scenario.missing_ambient(worlds.traced, target).values()
         if not missing:
             return 0.0
         name = min(missing, key=lambda each: LIGHT_COST.get(each, 1.0))
         started = time.perf_counter()
-        scenario.ambient(name, progress=worlds.progress)
+        scenario.ambient(name, target=target, progress=worlds.progress)
         return (time.perf_counter() - started) * (costs / LIGHT_COST.get(name, 1.0) - 1)
 
 
@@ -217,9 +219,9 @@ def sweep(
 ) -> "xr.Dataset":
     """Compare methods over hidden images, ambient light, noise, and whatever varies in a scene.
 
-    Photographs are rendered for the least noise, and each method is fitted to an A of its own that
-    is as fine. The same call with the same folder resumes an interrupted sweep; more values compute
-    only their cells.
+    Photographs are rendered for each SNR, and each method is fitted to an A that is as fine. The
+    same call with the same folder resumes an interrupted sweep; more values compute only their
+    cells.
 
     Parameters
     ----------

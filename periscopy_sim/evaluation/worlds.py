@@ -21,14 +21,14 @@ from periscopy_sim.evaluation.sweep import World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
 from periscopy_sim.light import Light
-from periscopy_sim.measurement import noise_to_signal
+from periscopy_sim.measurement import ambient_target, noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of
 from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.photograph import Photograph, seen_in
 from periscopy_sim.reconstruction.method import Method
-from periscopy_sim.reconstruction.registry import Option
+from periscopy_sim.reconstruction.registry import RAYS, Option
 from periscopy_sim.rendering.ambient import Background
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.scenario import Scenario, load_scenario
@@ -202,7 +202,7 @@ class Worlds:
         fit = self._calibrated if calibrates else self.fitted
         fitted = fit(snr, values, wall)
         if lights is None:
-            lights = {name: self._light(true, name) for name in self.ambient}
+            lights = {name: self._light(true, name, snr) for name in self.ambient}
         backgrounds = dict[str, Photograph]()
         for name, light in lights.items():
             seen = {name: seen_in(light.photograph, wall.channels)}
@@ -224,11 +224,11 @@ class Worlds:
         """The conditions of ambient light that is path traced."""
         return [str(light) for light in self.ambient.values() if validation.is_name(light)]
 
-    def _light(self, true: Scenario, name: str) -> Background:
-        """Return ambient light on the wall, path traced unless it is given."""
+    def _light(self, true: Scenario, name: str, snr: float) -> Background:
+        """Return ambient light on the wall, path traced as an SNR needs unless it is given."""
         light = self.ambient[name]
         if validation.is_name(light):
-            return true.ambient(light, progress=self.progress)
+            return true.ambient(light, target=ambient_target(snr), progress=self.progress)
         return Background(light, 0.0, 0.0)
 
     def signal(self, name: str, snr: float, values: Mapping[str, Any]) -> Photograph:
@@ -293,13 +293,18 @@ class Worlds:
             for name, method in self.methods.items()
         }
 
-    def matrices(self, values: Mapping[str, Any]) -> int:
-        """Return how many matrices the methods need at values of axes; none if they calibrate."""
+    def matrices(self, values: Mapping[str, Any], snr: float) -> set[Any]:
+        """Return what tells apart the matrices of the methods, of which none calibrates.
+
+        An A of a given number of rays serves any SNR.
+        """
         if values.get(KNOWN) == CALIBRATED:
-            return 0
+            return set()
         light, entries = self.light(values), map(entry_of, self.methods.values())
-        ways = {entry is not None and entry.rays for entry in entries}
-        return 1 if light.samples or light.by else len(ways)
+        by_rays = {light.by is None and entry is not None and entry.rays for entry in entries}
+        counts = {light.samples or (RAYS if each else None) for each in by_rays}
+        place = self.place(values, ASSUMED)
+        return {(place, light.by, count, None if count else snr) for count in counts}
 
     def check(self, axes: Mapping[str, Sequence[Any]]) -> None:
         """Reject axes that no world knows, and values that they cannot have.
@@ -446,7 +451,7 @@ def _fit(
 
 
 def _seed_of(scenario: Scenario, name: str) -> int:
-    """Return the seed of a photograph: each image at each place has rays of its own."""
+    """Return the seed of a photograph: each image at each place of a scene has its own rays."""
     labels = [scenario.seed, name, *sorted(scenario.parameters.items())]
     digest = hashlib.sha256(json.dumps(labels).encode()).digest()
     return int.from_bytes(digest[:4])

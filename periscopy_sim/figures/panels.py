@@ -159,8 +159,8 @@ def show_rows(figure: Any, rows: Rows) -> None:
     lines = list((rows if isinstance(rows, Mapping) else {"": rows}).items())
     if len(lines) == 1:
         ((_, panels),) = lines
-        mean = np.mean([proportions(picture) for _, picture in panels])
-        columns = int(np.clip(style.COLUMN / (LEAST * mean), 1, ABREAST))
+        width = float(np.mean([proportions(picture) for _, picture in panels]))
+        columns = int(np.clip(style.COLUMN / (LEAST * width), 1, ABREAST))
         columns = -(-len(panels) // -(-len(panels) // columns))  # even lines
         lines = [("", panels[k : k + columns]) for k in range(0, len(panels), columns)]
     aspects = [[proportions(picture) for _, picture in panels] for _, panels in lines]

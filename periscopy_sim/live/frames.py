@@ -5,7 +5,6 @@ it can.
 """
 
 import os
-import reprlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -260,21 +259,9 @@ def _frame_of(
 ) -> CameraFrame:
     """Return a copy of what a function returned: its next frame may use the same memory."""
     try:
-        array = validation.plain_array(values, "the frame")
+        array = with_channels(validation.plain_array(values, "the frame"), "the frame")
     except (TypeError, ValueError, RuntimeError) as error:  # of parts that make no array, too
-        if hasattr(values, "dtype"):
-            raise PhotographError(f"{origin}: {error}") from error
-        text = " ".join(reprlib.repr(values).split())
-        raise PhotographError(
-            f"{origin} returned a {type(values).__name__}, {text}; return an array of numbers, "
-            "(rows, columns[, channels])"
-        ) from error
-    array = with_channels(array, "the frame")
-    if array.shape[2] == 4 and array.size and np.ptp(array[..., 3]) == 0:
-        raise PhotographError(
-            "the frame: the fourth of its channels is the same everywhere, as transparency is; "
-            "return the three colours, frame[..., :3]"
-        )
+        raise PhotographError(f"{origin} returned a {type(values).__name__}: {error}") from error
     if array.dtype.kind != "u" or array.dtype.itemsize > 2:
         return CameraFrame(develop.sensor_image(array, "the frame", white).infinite, number=number)
     codes = np.array(array, array.dtype.newbyteorder("="))

@@ -4,7 +4,7 @@ No names say which parameter moves what: a small change of each shows it.
 """
 
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import Any
@@ -165,26 +165,21 @@ Pixels = NDArray[np.uint8]
 """A picture, (rows, columns, 3 or 4) sRGB; the page hatches what is transparent."""
 
 
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """Pictures side by side, on one scale, and the text beneath them.
+Panel = Mapping[str, Any]
+"""What `page.js` draws: pictures side by side, on one scale, and the text beneath them."""
 
-    `scale` is that of false colours: the name of matplotlib's colormap, and its ends as text.
-    """
 
-    caption: str
-    pictures: Sequence[Pixels] = ()
-    scale: tuple[str, str, str] | None = None
-
-    def look(self) -> dict[str, Any]:
-        """Return what `page.js` draws."""
-        pictures = [{"source": as_source(p), "columns": p.shape[1]} for p in self.pictures]
-        look: dict[str, Any] = {"caption": self.caption, "pictures": pictures}
-        if self.scale is not None:
-            name, low, high = self.scale
-            colours = [f"#{bytes(c).hex()}" for c in _colours(name, np.linspace(0, 1, 9))[:, :3]]
-            look["scale"] = {"colours": colours, "low": low, "high": high}
-        return look
+def _panel(
+    caption: str, pictures: Iterable[Pixels] = (), scale: tuple[str, str, str] | None = None
+) -> Panel:
+    """Return a panel; the scale of false colours is matplotlib's colormap, and its ends as text."""
+    shown = [{"source": as_source(each), "columns": each.shape[1]} for each in pictures]
+    panel: dict[str, Any] = {"caption": caption, "pictures": shown}
+    if scale is not None:
+        name, low, high = scale
+        colours = [f"#{bytes(c).hex()}" for c in _colours(name, np.linspace(0, 1, 9))[:, :3]]
+        panel["scale"] = {"colours": colours, "low": low, "high": high}
+    return panel
 
 
 def as_source(pixels: Pixels) -> str:
@@ -226,8 +221,8 @@ def panels_of(pictures: LivePictures) -> list[Panel]:
     psnr = "" if pictures.psnr is None else f", PSNR {pictures.psnr:.1f} dB"
     found = f"Reconstruction: {', '.join(each)} patches{psnr}"
     return [
-        Panel(caption, [photograph_pixels(pictures)]),
-        Panel(found, [*hidden_pixels(replace(pictures, truth=None)).values()]),
+        _panel(caption, [photograph_pixels(pictures)]),
+        _panel(found, hidden_pixels(replace(pictures, truth=None)).values()),
         _third(pictures),
         *([] if pictures.frame is not None else [_errors(pictures)]),
     ]
@@ -238,7 +233,7 @@ def _third(pictures: LivePictures) -> Panel:
     residual = pictures.report.residual
     if residual is None:
         shown = [] if pictures.truth is None else hidden_pixels(pictures).values()
-        return Panel("Hidden image", [*shown])
+        return _panel("Hidden image", shown)
     caption = f"Unexplained: {100 * residual.unexplained:.2f} %"
     if residual.noise_alone is not None:
         between = "alone" if pictures.frame is None else "between frames"
@@ -246,13 +241,13 @@ def _third(pictures: LivePictures) -> Panel:
     light, bound, unit = panels.residual_map(residual)
     unit = unit.replace("standard deviations of noise", "σ of noise").partition(" of the")[0]
     scale = "RdBu_r", f"−{bound:.2g} {unit}", f"+{bound:.2g} {unit}"
-    return Panel(caption, [_colours("RdBu_r", light / bound / 2 + 0.5)], scale)
+    return _panel(caption, [_colours("RdBu_r", light / bound / 2 + 0.5)], scale)
 
 
 def _errors(pictures: LivePictures) -> Panel:
     errors, hidden = pictures.report.standard_errors, pictures.scenario.hidden
     if errors is None:
-        return Panel(f"Standard error: {pictures.choice.method} reports none")
+        return _panel(f"Standard error: {pictures.choice.method} reports none")
     white = float(np.percentile(hidden.vector(pictures.image), 99)) or 1.0
     percent = 100 / white * np.sqrt(np.mean(hidden.vector(errors) ** 2, axis=1))
     counted = "noise and scene" if pictures.report.numbers.get("standard_errors_count") else "noise"
@@ -260,7 +255,7 @@ def _errors(pictures: LivePictures) -> Panel:
     caption = f"Standard error ({counted}): median {median:g}, largest {largest:g} %"
     maps = hidden.split(percent / (percent.max() or 1.0)).values()
     scale = "magma", "0 %", f"{largest:g} % of white"
-    return Panel(caption, [_colours("magma", each) for each in maps], scale)
+    return _panel(caption, [_colours("magma", each) for each in maps], scale)
 
 
 def _colours(name: str, values: Array) -> Pixels:

@@ -142,7 +142,6 @@ class LiveSession:
         """Show pictures with their captions and notes, and other parts of the state."""
         size = "coarse" if pictures.is_coarse else "full"
         notes = *self._describe(pictures.report), f"{size} pictures in {pictures.seconds:.1f} s"
-        panels = [each.look() for each in panels_of(pictures)]
         # A scene that has not moved keeps its occluders, and shows some of a stream's frames.
         is_moved, self._drawn = pictures.scenario is not self._drawn, pictures.scenario
         now = time.monotonic()
@@ -151,7 +150,7 @@ class LiveSession:
         if is_moved or pictures.frame is None or now >= self._space_due:
             parts |= images_in(pictures)
             self._space_due = now + IN_SPACE
-        self.gate.publish(panels=panels, notes=notes, **parts)
+        self.gate.publish(panels=panels_of(pictures), notes=notes, **parts)
 
     def show_trouble(self, text: str, *, is_coarse: bool = False) -> None:  # noqa: ARG002
         """Show why there are no pictures of the present choice, or no coarse ones, or nothing."""

@@ -25,6 +25,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.analytic.area_transport import area_transport, has_areas, points_across
 from periscopy_sim.errors import SceneError
 from periscopy_sim.hidden import Hidden
+from periscopy_sim.measurement import allowed_error
 from periscopy_sim.numerics import Array, machine
 from periscopy_sim.numerics.validation import InputError, checked, checked_number, checked_scene
 from periscopy_sim.rendering import bounced, load, wall
@@ -40,9 +41,6 @@ Result = TypeVar("Result")
 SNR = 60.0
 """SNR, in dB, of the photographs that are made where none is asked for: the paper's."""
 
-OWN_SHARE = 1 / 3
-"""Error of a photograph over its noise that counts as small: both exceed the noise by 5 %."""
-
 WAVEFRONT = 1 << 24
 """Camera samples traced at once, by one kernel, which nothing can interrupt; bounds the memory."""
 
@@ -50,14 +48,11 @@ MOST_POINTS = 1 << 21
 """Wall points, at most, that direct light is averaged over; 330,000 take 2 s (chair, two cores)."""
 
 MOST_ENTRIES = 1 << 31
-"""Pairs of a wall point and a patch, at most, of direct light: 6 s of two cores for the chair by
-rays. Images of more patches are path traced."""
+"""Pairs of a wall point and a patch, at most, on a grid of direct light: 6 s of two cores for the
+chair by rays. Images that need more are path traced."""
 
 BLOCK = 1 << 26
 """Entries of A at once: 256 MB."""
-
-ROUGH = 0.3
-"""Relative error of light that only shows whether there is any."""
 
 MAX_ROUNDS = 32
 """Most rounds of samples of other light, as of `render_background`."""
@@ -99,11 +94,6 @@ def excess_of(error: float, snr: float) -> tuple[str, ...]:
         f"the photograph's own error is {100 * error:.2g} % of its root mean square "
         f"({-20 * math.log10(error):.0f} dB): more than a third of the noise at {snr:g} dB",
     )
-
-
-def allowed_error(snr: float) -> float:
-    """Return the largest relative error of its own that a photograph of an SNR, in dB, may have."""
-    return float(OWN_SHARE * 10 ** (-snr / 20))
 
 
 def rendering_of(
@@ -150,14 +140,10 @@ def rendering_of(
     needs_paths = (other_lights and not is_plain) or (
         is_clear and (other_lights or bounces != bounced.DIRECT)
     )
-    patches = sum(each.shape[0] * each.shape[1] for each in images.values())
-    finest = 2 * points_across(scenario.photograph_shape)
-    needs_paths |= len(scenario.view.points) * finest**2 * patches > MOST_ENTRIES
-    direct = None
+    direct, error = np.zeros(0), math.inf
     if samples is None and not needs_paths:
-        with suppress(SceneError):  # where a pixel's edge misses the wall
-            direct, error = _direct_light(scenario, images, target, seed)
-    if direct is None:
+        direct, error = _direct_light(scenario, images, target, seed)
+    if error == math.inf:
         traced = _path_traced(scenario, shown(), bounces, samples, target, seed, report)
         return Rendering(*traced, -math.inf if samples else snr)
     report(0.5)
@@ -168,7 +154,8 @@ def rendering_of(
         light, rest = _smoothed(
             parts, scenario, direct, within, seed, lambda done: report((1 + done) / 2)
         )
-    picture = np.maximum(direct + scenario.view.paint * light, 0) * scenario.channel_gain
+    picture = np.maximum(direct + scenario.channel_gain * scenario.view.paint * light, 0)
+    error *= math.sqrt(np.mean(direct**2) / np.mean(picture**2))
     report(1.0)
     return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest), snr)
 
@@ -252,14 +239,14 @@ def detail_light(scenario: Geometry, images: Mapping[str, NDArray[np.floating[An
     """Return the light on a grey wall, (M, C), of detail within patches that images suggest.
 
     Images are (rows, columns, C) by id. The detail is a linear interpolation to half as large
-    patches, less its mean in each patch.
+    patches, less its mean in each patch. Its light is that of pixels' own points, so rough.
     """
     details = {}
     for name, image in images.items():
         fine = ndimage.zoom(image, (2, 2, 1), order=1, mode="nearest", grid_mode=True)
         mean = fine.reshape(len(image), 2, -1, 2, image.shape[2]).mean(axis=(1, 3))
         details[name] = fine - mean.repeat(2, axis=0).repeat(2, axis=1)
-    return _direct_light(scenario, details, ROUGH, 0)[0]
+    return _by_channel(_light_by_areas, *_shown(scenario, details))
 
 
 def _direct_light(
@@ -267,41 +254,51 @@ def _direct_light(
 ) -> tuple[Array, float]:
     """Return the light, (M, 3), that comes straight from hidden surfaces, and its relative error.
 
-    It is averaged over the points of a grid in each pixel. By areas two grids, one of nine times
-    the points, bound the finer one's error: where shadows have edges it errs a fifth as much. A
-    doubles its points, so that the two grids differ. By rays two independent renderings on
-    different grids show the error of their mean. A SceneError says that an edge of a pixel misses
-    the wall.
+    It is averaged over the points of a grid in each pixel. By areas the last two grids bound the
+    finer one's error, which falls as the points' number^-0.75 at edges of shadows. By rays two
+    independent renderings on different grids show the error of their mean. The error is infinite
+    where two grids exceed the budget, or an edge of a pixel misses the wall.
     """
-    sizes = {name: (each.shape[0], each.shape[1]) for name, each in images.items()}
-    scenario = replace(scenario, hidden=Hidden.of_scene(scenario.scene, sizes))
-    f = np.concatenate([each.reshape(-1, each.shape[2]) for each in images.values()])
-    (M, N), across = scenario.transport_shape, points_across(scenario.photograph_shape)
-    if has_areas(scenario) and has_areas(scenario.averaged(3 * across)):
-        light = _by_channel(_light_by_areas, scenario.averaged(across), f)
-        while True:
-            across *= 3
-            coarse, light = light, _by_channel(_light_by_areas, scenario.averaged(across), f)
-            error = _half_difference(light, coarse, light) / 2
-            points = M * (3 * across) ** 2
-            if error <= target or points > MOST_POINTS or points * N > MOST_ENTRIES:
-                return light, error
-    grids, samples = (2 * across, 2 * across + 1), 1
-    most = MOST_ENTRIES // (M * N * sum(each**2 for each in grids))
-    while True:
-        finer = (scenario.averaged(each) for each in grids)
-        first, second = (
-            _by_channel(partial(_light_by_rays, samples, _seed(seed, number)), each, f)
-            for number, each in enumerate(finer)
-        )
-        light = (first + second) / 2
-        error = _half_difference(first, second, light)
-        # At edges of shadows the error falls as samples^-0.75.
-        wanted = samples * max(4.0, (error / target) ** (4 / 3))
-        more = 2 ** math.ceil(math.log2(min(wanted, max(most, 1))))
-        if error <= target or more <= samples:
+    scenario, f = _shown(scenario, images)
+    (M, N), first = scenario.transport_shape, points_across(scenario.photograph_shape)
+
+    def light_of(across: int, way: Callable[[Geometry, Array], Array] = _light_by_areas) -> Array:
+        return _by_channel(way, scenario.averaged(across), f) * scenario.channel_gain
+
+    light, error = np.zeros((M, 3)), math.inf
+    with suppress(SceneError):
+        if has_areas(scenario.averaged(3 * first)):
+            across, finer, most = 0, first, MOST_ENTRIES // N
+            while error > target and M * finer**2 <= most:
+                coarse, light = light, light_of(finer)
+                if across:
+                    fall, most = (finer / across) ** 1.5, min(most, MOST_POINTS)
+                    error = 2 * _half_difference(light, coarse, light) / (fall - 1)
+                # Odd multiples of the first grid: A, by default, has the first or even ones.
+                times = min((error / target) ** (2 / 3), 3.0)
+                across, odd = finer, finer // first
+                finer = first * (odd + 2 * max(1, math.ceil(odd * (times - 1) / 2)))
             return light, error
-        samples = more
+        grids, samples = (2 * first, 2 * first + 1), 1
+        most = MOST_ENTRIES // (M * N * sum(each**2 for each in grids))
+        while error > target and samples < 2 * most:
+            one, other = (
+                light_of(each, partial(_light_by_rays, samples, _seed(seed, number)))
+                for number, each in enumerate(grids)
+            )
+            light = (one + other) / 2
+            error = _half_difference(one, other, light)
+            # At edges of shadows the error falls as samples^-0.75.
+            wanted = samples * max(4.0, (error / target) ** (4 / 3))
+            samples = 2 ** math.ceil(math.log2(max(min(wanted, most), 2 * samples)))
+    return light, error
+
+
+def _shown(scenario: Geometry, images: Mapping[str, Array]) -> tuple[Geometry, Array]:
+    """Return a scenario in the patches of images, and these, (N, C)."""
+    sizes = {name: (each.shape[0], each.shape[1]) for name, each in images.items()}
+    finer = replace(scenario, hidden=Hidden.of_scene(scenario.scene, sizes))
+    return finer, np.concatenate([each.reshape(-1, each.shape[2]) for each in images.values()])
 
 
 def _half_difference(one: Array, other: Array, light: Array) -> float:
@@ -380,10 +377,10 @@ def _smoothed(
     progress: Callable[[float], None],
 ) -> tuple[Array, float]:
     """Return the light of parts on an even wall, (M, 3), and its error relative to all light."""
-    gain, painted = scenario.channel_gain, scenario.channel_gain * scenario.view.paint
+    painted = scenario.channel_gain * scenario.view.paint
 
     def errors_of(replicas: Array, squared_bias: Array) -> tuple[float, ...]:
-        whole = direct * gain + replicas.mean(axis=0) * painted
+        whole = direct + replicas.mean(axis=0) * painted
         variance = replicas.var(axis=0, ddof=1) / len(replicas) + squared_bias
         return (float(np.sqrt((variance * painted**2).mean() / (whole**2).mean())),)
 

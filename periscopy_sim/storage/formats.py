@@ -30,73 +30,59 @@ _PACKED = {"scale_factor", "add_offset", "missing_value", "_Unsigned", "valid_ra
 """Attributes by which values stand for others, or for none."""
 
 
-def read_npy(path: Path, key: str, size: rasters.Size = None) -> rasters.Picture:
+def read_npy(path: Path, key: str) -> rasters.Picture:
     """Read an NPY file of real numbers, and of truth values where `key` is `mask`."""
     values = np.asarray(mapped_stack(path))
-    rasters.check_head(values.shape, size, path)
+    check_budget(values.shape, path)
     return rasters.Picture(_checked(values, key, path))
 
 
-def read_npz(path: Path, key: str, size: rasters.Size = None) -> rasters.Picture:
+def read_npz(path: Path, key: str) -> rasters.Picture:
     """Read the array `key` of an NPZ archive as `read_npy` does.
 
     8-bit integers of `hidden` are what a monitor was sent, made for screens.
     """
-    values = _checked(npz_array(path, size, key), key, path)
+    values = _checked(npz_array(path, key), key, path)
     return rasters.Picture(values, is_display=key == "hidden" and values.dtype == np.uint8)
 
 
-def mapped_stack(path: Path, _: rasters.Size = None) -> NDArray[Any]:
+def mapped_stack(path: Path) -> NDArray[Any]:
     """Return an NPY file of any shape as a memory map, read as it is used."""
     with rasters.decoding(path, "NPY"):
         return np.asanyarray(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
-def npz_array(path: Path, size: rasters.Size = None, key: str = PHOTOGRAPH) -> NDArray[Any]:
-    """Return the array `key` of an NPZ archive: of one size, if given, or frames of it."""
+def npz_array(path: Path, key: str = PHOTOGRAPH) -> NDArray[Any]:
+    """Return the array `key` of an NPZ archive."""
     # NumPy leaves a damaged file that it opened itself open.
     with rasters.decoding(path, "NPZ"), path.open("rb") as file, np.load(file) as archive:
         if key not in archive:
             raise PhotographError(
                 f"{path}: has {rasters.listed(archive.files)}, no array '{key}'; add it"
             )
-        with archive.zip.open(f"{key.removesuffix('.npy')}.npy") as member:
-            version, _ = np.lib.format.read_magic(member)  # there is none for plain numbers after 2
-            head = getattr(np.lib.format, f"read_array_header_{version}_0")(member)
-        rasters.check_head(head[0], size, path)
         return np.asarray(archive[key])
 
 
-def zarr_stack(path: Path, size: rasters.Size = None) -> Any:
+def zarr_stack(path: Path) -> Any:
     """Open the array `photograph` of a Zarr group of format 3, which holds no pickles.
 
-    A picture of another size than is given, chunks larger than any picture, frames without chunks,
-    values that stand for others, by a scale or a fill value, values that nobody wrote, and
-    dimensions in another order are a `PhotographError`.
+    Chunks larger than any picture, frames without chunks, values that stand for others, by a scale
+    or a fill value, values that nobody wrote, and dimensions in another order are a
+    `PhotographError`.
     """
     import zarr
 
-    from periscopy_sim.storage.zarr_codecs import bounded_codecs
-
     with rasters.decoding(path, "Zarr", f"save a Zarr 3 group with an array '{PHOTOGRAPH}'"):
-        files = [each for each in path.rglob("*") if not each.is_dir()]
-        if irregular := [each.name for each in files if not each.is_file()]:
-            raise ValueError(f"'{irregular[0]}' is no regular file")
-        with bounded_codecs():
-            array = zarr.open_group(path, mode="r", zarr_format=3)[PHOTOGRAPH]
+        array = zarr.open_group(path, mode="r", zarr_format=3)[PHOTOGRAPH]
         if _PACKED & {*array.attrs} or array.attrs.get("_FillValue", _NAN) != _NAN:
             raise ValueError("xarray packed its values; use float32, and NaN for missing ones")
         names = array.metadata.dimension_names or ()
         if any(names) and names[1:] != AXES[: len(names) - 1]:
             raise ValueError(f"its dimensions are {names}, not (any, {', '.join(AXES)})")
         if len(array.shape) == 4:
-            rasters.check_head(array.shape[1:], size, path)
+            check_budget(array.shape[1:], path)
         check_budget(array.chunks, path)
-        frames = len(files) * (array.shards or array.chunks)[0]  # at most, before chunks are listed
-        is_whole = array.shape[0] <= frames and (
-            np.isnan(array.fill_value) or array.nchunks_initialized >= array.nchunks
-        )
-        if not is_whole:
+        if not np.isnan(array.fill_value) and array.nchunks_initialized < array.nchunks:
             raise ValueError("chunks are missing; write all of them (write_empty_chunks)")
         return array
 
@@ -112,16 +98,15 @@ class FileFormat:
     """A row of the table.
 
     `decode` reads one picture from a path, for a purpose: `photograph`, `hidden` or `mask`, which
-    is the key of its array if a file holds several; another size than is given, or one that no
-    memory holds, is an error before it is decoded. `open_stack` opens the frames of one file;
-    None for formats that hold one.
+    is the key of its array if a file holds several; one that no memory holds is an error before it
+    is decoded. `open_stack` opens the frames of one file; None for formats that hold one.
     """
 
     name: str
     suffixes: tuple[str, ...]  # in lower case; they count only where a folder is listed
     signature: bytes  # regular expression of the first bytes
-    decode: Callable[[Path, str, rasters.Size], rasters.Picture]
-    open_stack: Callable[[Path, rasters.Size], NDArray[Any]] | None = None
+    decode: Callable[[Path, str], rasters.Picture]
+    open_stack: Callable[[Path], NDArray[Any]] | None = None
     is_raw: bool = False  # a sensor's counts, no mask and no hidden image; the suffix counts, too
 
 
@@ -157,13 +142,13 @@ def format_of(path: Path) -> FileFormat:
     raise PhotographError(f"{path}: is damaged, or of no known format ({names})")
 
 
-def decode_picture(path: Path, key: str, size: rasters.Size = None) -> rasters.Picture:
+def decode_picture(path: Path, key: str) -> rasters.Picture:
     """Return a picture other than a photograph: a `mask` or a `hidden` image."""
     row = format_of(path)
     if row.is_raw:
         known = ", ".join(each.name for each in FORMATS if not each.is_raw)
         raise PhotographError(f"{path}: is {row.name}; give a picture ({known})")
-    return row.decode(path, key, size)
+    return row.decode(path, key)
 
 
 def libraries_of(files: Iterable[Path]) -> list[str]:

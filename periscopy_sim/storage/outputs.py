@@ -3,7 +3,6 @@
 Readers find whole arrays and rows of a file that grows at any moment, however its writer ends.
 """
 
-import csv
 import errno
 import glob
 import hashlib
@@ -11,7 +10,7 @@ import os
 import shutil
 import sys
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -197,16 +196,13 @@ def unwritable_reported(path: Path) -> Iterator[None]:
 @contextmanager
 def out_of_space_reported(path: Path) -> Iterator[None]:
     """Raise a full disk, met while the block writes, as an `OutputError`; of a store any fault."""
-    if is_remote(path):
-        with unreachable_reported(path):
+    with unreachable_reported(path):
+        try:
             yield
-        return
-    try:
-        yield
-    except (OSError, RuntimeError) as error:  # RuntimeError is OpenEXR's
-        if any(words in str(error) for words in _FULL):
+        except (OSError, RuntimeError) as error:  # RuntimeError is OpenEXR's
+            if not any(words in str(error) for words in _FULL):
+                raise
             raise OutputError(f"cannot write {path}: the disk is full; free some space") from error
-        raise
 
 
 LOCK = ".lock"
@@ -234,65 +230,18 @@ def alone_in(folder: Path) -> Iterator[None]:
         yield
 
 
-class GrowingStack:
-    """A stack of float32 arrays of one shape, in place of a former file.
+def append_array(path: Path, values: NDArray[np.floating], count: int) -> None:
+    """Add float32 values to a stack of `count` arrays, an NPY file; at 0 in place of a former one.
 
-    The header counts an array once its values are written. An OutputError says that the file cannot
-    be written.
+    The header, whose length NumPy keeps while the first axis grows, counts an array once its values
+    are written. An OutputError says that the file cannot be written.
     """
-
-    def __init__(self, path: Path, shape: tuple[int, ...]) -> None:
-        self.path, self.count, self._shape = path, 0, shape
-        with unwritable_reported(path):
-            self._file = path.open("w+b")
-        self._write_header()
-
-    def append(self, values: NDArray[np.floating]) -> None:
-        """Write one array more."""
-        if values.shape != self._shape:
-            raise ValueError(f"{self.path} holds arrays of shape {self._shape}, not {values.shape}")
-        with unwritable_reported(self.path):
-            self._file.seek(0, 2)
-            self._file.write(np.ascontiguousarray(values, "<f4").tobytes())
-            self._file.flush()
-            self.count += 1
-            self._write_header()
-
-    def _write_header(self) -> None:
-        """Write the header, whose length NumPy keeps while the first axis grows."""
-        self._file.seek(0)
-        shape = self.count, *self._shape
-        header = {"descr": "<f4", "fortran_order": False, "shape": shape}
-        npy.write_array_header_1_0(self._file, header)
-        self._file.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-
-class GrowingTable:
-    """A CSV file of some columns, in place of a former one; entries of other names are left out.
-
-    An OutputError says that the file cannot be written.
-    """
-
-    def __init__(self, path: Path, columns: Iterable[str]) -> None:
-        self.path, self.count = path, 0
-        with unwritable_reported(path):
-            self._file = path.open("w", encoding="utf-8", newline="")
-        form: dict[str, Any] = {"extrasaction": "ignore", "lineterminator": "\n"}
-        self._table = csv.DictWriter(self._file, [*columns], **form)
-
-    def append(self, row: Mapping[str, Any]) -> None:
-        """Write one row more."""
-        with unwritable_reported(self.path):
-            if not self.count:
-                self._table.writeheader()
-            self._table.writerow(row)
-            self._file.flush()
-            self.count += 1
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+    header: dict[str, Any] = {"descr": "<f4", "fortran_order": False}
+    with unwritable_reported(path), path.open("r+b" if count else "w+b") as file:
+        if not count:
+            npy.write_array_header_1_0(file, {**header, "shape": (0, *values.shape)})
+        file.seek(0, 2)
+        file.write(np.ascontiguousarray(values, "<f4").tobytes())
+        file.flush()
+        file.seek(0)
+        npy.write_array_header_1_0(file, {**header, "shape": (count + 1, *values.shape)})

@@ -18,14 +18,7 @@ from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph, blackened, check_real, check_size, with_channels
 from periscopy_sim.photographs.develop import SensorImage, plateaus, sensor_image
-from periscopy_sim.storage.formats import (
-    PHOTOGRAPH,
-    decode_picture,
-    format_of,
-    mapped_stack,
-    suffixes,
-    zarr_stack,
-)
+from periscopy_sim.storage import formats
 from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
 from periscopy_sim.storage.rasters import GAMMA, SRGB, Picture, decoding, listed, srgb_light
 
@@ -53,7 +46,7 @@ def read_photograph(
     PhotographError
         If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
-    picture, warnings = _linear_light(path, shape)
+    picture, warnings = _linear_light(path)
     return Photograph.of(picture.values, shape, str(path), mask=mask, warnings=tuple(warnings))
 
 
@@ -91,7 +84,7 @@ def read_sensor_image(
     PhotographError
         If the file is missing, damaged, of another format or of another encoding.
     """
-    picture, warnings = _linear_light(path, encoding=encoding)
+    picture, warnings = _linear_light(path, encoding)
     if picture.encoding == SRGB and (has_black or white is not None):
         raise PhotographError(
             f"{path}: is encoded for screens; give a raw file, or leave out the black level and "
@@ -102,15 +95,13 @@ def read_sensor_image(
     return exposure, (*warnings, *([] if is_known else plateaus(exposure.values, str(path))))
 
 
-def _linear_light(
-    path: str | Path, shape: tuple[int, int] | None = None, encoding: str | None = None
-) -> tuple[Picture, list[str]]:
-    """Decode a photograph, of a size if one is given, as linear light.
+def _linear_light(path: str | Path, encoding: str | None = None) -> tuple[Picture, list[str]]:
+    """Decode a photograph as linear light.
 
     Return it with the encoding that the file has, and what was assumed or left out, one line each.
     """
-    row = format_of(Path(path))
-    picture = row.decode(Path(path), PHOTOGRAPH, shape)
+    row = formats.format_of(Path(path))
+    picture = row.decode(Path(path), formats.PHOTOGRAPH)
     values, full, wanted = picture.values, picture.saturated, encoding
     encoding = picture.encoding
     is_8_bits, kind = values.dtype == np.uint8, f"{8 * values.dtype.itemsize}-bit {row.name}"
@@ -134,15 +125,9 @@ def _linear_light(
     if encoding == SRGB:
         white = np.iinfo(values.dtype).max
         values, full = srgb_light(values), (values == white).any(axis=2)
-        warnings.append(
-            f"{path}: {kind}, decoded by the sRGB curve; save linear data as 16-bit PNG or TIFF, "
-            "EXR or NPY"
-        )
-    elif encoding == GAMMA or (encoding is None and is_8_bits):
-        warnings.append(
-            f"{path}: {kind}, taken as linear light, though such files often are gamma-encoded; "
-            "if this one is, export linear light"
-        )
+    if encoding in (SRGB, GAMMA) or (encoding is None and is_8_bits):
+        how = "decoded by the sRGB curve" if encoding == SRGB else "taken as linear light"
+        warnings.append(f"{path}: {kind}, {how}; if it is not so, export linear light as EXR")
     return replace(picture, values=values, encoding=encoding, saturated=full), warnings
 
 
@@ -171,7 +156,7 @@ def read_mask(path: str | Path, shape: tuple[int, int] | None = None) -> NDArray
         out every pixel.
     """
     path = Path(path)
-    picture = decode_picture(path, "mask", shape)
+    picture = formats.decode_picture(path, "mask")
     values = with_channels(picture.values, str(path))
     if picture.alpha is not None:
         values = np.where(picture.alpha > picture.alpha.max() / 2, values, 0)
@@ -236,13 +221,13 @@ def open_frames(
         names = tuple(file.name for file in files)
         return Frames(names, lambda k: read_photograph(files[k], shape, mask))
     if path.is_dir():
-        stack = zarr_stack(path, shape)
-    elif open_stack := format_of(path).open_stack:
-        stack = open_stack(path, shape)
+        stack = formats.zarr_stack(path)
+    elif open_stack := formats.format_of(path).open_stack:
+        stack = open_stack(path)
     else:
         raise PhotographError(
-            f"{path}: is a single {format_of(path).name} file; give a folder of photographs, a "
-            "Zarr archive, or an NPY or NPZ stack"
+            f"{path}: is a single {formats.format_of(path).name} file; give a folder of "
+            "photographs, a Zarr archive, or an NPY or NPZ stack"
         )
     check_size(_checked(stack, path).shape[1:3], shape, str(path))
 
@@ -286,8 +271,8 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
     if path.is_dir():
         files = files_of_one_kind(path)
         number, images = len(files), (read_hidden_image(file, shape) for file in files)
-    elif format_of(path).name == "NPY" and mapped_stack(path).ndim == 4:
-        stack = _checked(mapped_stack(path), path)
+    elif formats.format_of(path).name == "NPY" and formats.mapped_stack(path).ndim == 4:
+        stack = _checked(formats.mapped_stack(path), path)
         lights = (linear_light(each, f"{path}, frame {k}") for k, each in enumerate(stack))
         number, images = len(stack), (area_average(light, shape) for light in lights)
     else:
@@ -300,11 +285,11 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
 
 
 def files_of_one_kind(folder: Path) -> list[Path]:
-    """Return the pictures in a folder, known by their suffixes, in natural order.
+    """Return the pictures in a folder, known by their formats.suffixes, in natural order.
 
     A folder with no picture, or with those of several formats, is a `PhotographError`.
     """
-    known = suffixes()
+    known = formats.suffixes()
     files = [each for each in folder.iterdir() if each.name[0] != "." and not each.is_dir()]
     of_kind: dict[str, list[Path]] = {}
     for file in sorted(files, key=lambda file: _natural(file.name)):

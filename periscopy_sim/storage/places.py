@@ -3,7 +3,6 @@
 Object stores have neither renames nor locks. They need none: an object appears whole or not at all.
 """
 
-import errno
 import json
 import os
 import uuid
@@ -89,9 +88,8 @@ def content(path: Path) -> bytes:
     if not is_remote(path):
         return path.read_bytes()
     found: Any = path
-    with unreachable_reported(path), suppress(FileNotFoundError):
+    with unreachable_reported(path, FileNotFoundError):
         return bytes(found.fs.cat_file(found.path))
-    raise FileNotFoundError(errno.ENOENT, "is not there", str(path))
 
 
 def document(path: Path) -> Any:
@@ -119,41 +117,29 @@ def put(path: Path, data: bytes) -> None:
 
 def clear(path: Path) -> None:
     """Remove a file or an object, if it is there."""
-    if is_remote(path):
-        found: Any = path
-        with unreachable_reported(path), suppress(FileNotFoundError):
-            found.fs.rm_file(found.path)
-    else:
-        path.unlink(missing_ok=True)
+    found: Any = path
+    with unreachable_reported(path), suppress(FileNotFoundError):
+        found.fs.rm_file(found.path) if is_remote(path) else path.unlink()
 
 
 def names_in(folder: Path) -> list[str]:
     """Return the names of what a folder holds, of objects 1,000 a request; none without it."""
+    found: Any = folder
     if not is_remote(folder):
         return [each.name for each in folder.glob("*")]
-    found: Any = folder
     with unreachable_reported(folder), suppress(FileNotFoundError):
         return [each.rsplit("/", 1)[-1] for each in found.fs.ls(found.path, detail=False)]
     return []
 
 
-def bytes_in(folder: Path) -> int:
-    """Return how many bytes the files of a folder, or the objects below a URL have."""
-    if not is_remote(folder):
-        return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    found: Any = folder
-    with unreachable_reported(folder):
-        return sum(each["size"] for each in found.fs.find(found.path, detail=True).values())
-
-
 @contextmanager
-def unreachable_reported(path: Path) -> Iterator[None]:
-    """Raise whatever a store's library raises as an `OutputError`."""
+def unreachable_reported(path: Path, *but: type[Exception]) -> Iterator[None]:
+    """Raise what a store's library raises, but for some errors, as an `OutputError`."""
     try:
         yield
-    except PeriscopyError:
-        raise
     except Exception as error:
+        if not is_remote(path) or isinstance(error, (PeriscopyError, *but)):
+            raise
         reason = " ".join(str(error).split()) or type(error).__name__
         raise OutputError(f"cannot use {path}: {reason}; mend that, and begin again") from error
 
@@ -166,13 +152,6 @@ def original_named(path: Path, copy: Path) -> Iterator[None]:
     except PeriscopyError as error:
         error.args = (str(error).replace(str(copy), str(path)),)
         raise
-    except OSError as error:
-        if not is_remote(path) or not str(error.filename or "").startswith(str(copy)):
-            raise
-        raise OutputError(
-            f"cannot keep a copy of {path} in {copy.parent}: {error.strerror}; free some space "
-            "there, or set TMPDIR to another folder"
-        ) from error
 
 
 def answers(path: Path, ask: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:

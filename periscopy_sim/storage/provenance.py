@@ -21,6 +21,7 @@ from periscopy_sim.numerics import Image, validation
 from periscopy_sim.rendering import scene_files, variant
 from periscopy_sim.scene import SceneDocument
 from periscopy_sim.storage.outputs import alone_in, out_of_space_reported, staged_file
+from periscopy_sim.storage.places import document
 
 _PACKAGES = ("periscopy-sim", "numpy", "scipy", "mitsuba", "drjit")
 
@@ -112,18 +113,9 @@ def resumed_folder(
         return next(out.glob(files[0]), None) is None
 
     def check() -> None:
-        try:
-            recorded = dict(validation.read_json(out / SETTINGS))
-        except FileNotFoundError:
-            for file in (file for pattern in files for file in out.glob(pattern)):
-                reason = f"{file.relative_to(out)}, and no {SETTINGS} that says how it was made"
-                raise OutputError(f"{out}: holds {reason}; name another folder") from None
-            return
-        except (ValueError, TypeError, OSError) as error:
-            reason = getattr(error, "strerror", None) or "is damaged"
-            raise OutputError(f"{out / SETTINGS}: {reason}; name another folder") from None
-        if not is_new():
-            check_settings(recorded, settings, str(out), what)
+        recorded = document(out / SETTINGS)  # None if it is missing or damaged
+        if not is_new() or (recorded is None and any(any(out.glob(name)) for name in files)):
+            check_settings(recorded or {}, settings, str(out), what)
 
     with out_of_space_reported(out):
         check()  # before the folder is made

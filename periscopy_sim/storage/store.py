@@ -19,35 +19,17 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage.outputs import (
-    LOCK,
-    out_of_space_reported,
-    remove,
-    staged_file,
-    staged_folder,
-    unwritable_reported,
-)
-from periscopy_sim.storage.places import (
-    address,
-    answers,
-    clear,
-    content,
-    document,
-    is_remote,
-    is_shared,
-    names_in,
-    put,
-)
+from periscopy_sim.storage import outputs, places
 from periscopy_sim.storage.provenance import check_settings
 
 if TYPE_CHECKING:
-    from zarr import Group
+    pass
 
 Block = tuple[int, ...]
 """Place of a block among the blocks, along each dimension that is cut."""
@@ -125,14 +107,16 @@ class Records:
 
     def blocks(self) -> list[Block]:
         """Return the blocks that have a record, whole or not."""
-        files = [file.partition(".json") for file in names_in(self.path / MAKING / "finished")]
+        files = [
+            file.partition(".json") for file in places.names_in(self.path / MAKING / "finished")
+        ]
         stems = [stem.split("-") for stem, is_record, rest in files if is_record and not rest]
         names = [name for name in stems if all(map(str.isdecimal, name))]
         return sorted(tuple(map(int, name)) for name in names if len(name) == len(self.layout.cuts))
 
     def read(self, block: Block) -> dict[str, Any]:
         """Read the record of a block; empty if it is missing or damaged."""
-        record = document(self.file(block))
+        record = places.document(self.file(block))
         return record if isinstance(record, dict) else {}
 
     def has(self, block: Block) -> bool:
@@ -154,19 +138,23 @@ class Records:
         if not (record := self.read(block)):
             return False
         files = self.layout.files(block)
-        found = answers(self.path, _checksum_of, [self.path / file for file in files.values()])
+        found = places.answers(
+            self.path, _checksum_of, [self.path / file for file in files.values()]
+        )
         return record == self._of(block, dict(zip(files, found, strict=True)))
 
     def verified(self, blocks: Iterable[Block]) -> Iterator[tuple[Block, bool]]:
         """Yield blocks, and whether each is whole."""
         blocks, held = [*blocks], {*self.blocks()}
-        with out_of_space_reported(self.path):
-            whole = answers(self.path, lambda each: each in held and self.verify(each), blocks)
+        with outputs.out_of_space_reported(self.path):
+            whole = places.answers(
+                self.path, lambda each: each in held and self.verify(each), blocks
+            )
             yield from zip(blocks, whole, strict=True)
 
     def write(self, block: Block, checksums: Mapping[str, str | None]) -> None:
         """Record that a block is complete, with the checksum of each variable's file, if any."""
-        with staged_file(self.file(block)) as staged:
+        with outputs.staged_file(self.file(block)) as staged:
             staged.write_text(json.dumps(self._of(block, checksums)) + "\n", "utf-8")
 
     def _of(self, block: Block, checksums: Mapping[str, str | None]) -> dict[str, Any]:
@@ -190,29 +178,30 @@ class BlockStore:
         attributes: Mapping[str, Any],
         labels: Mapping[str, Label],
     ) -> None:
-
         self.path, self.layout = path, layout
         self.records = Records(path, layout, attributes)
         check_place(path, layout.what)
         blocks = self.records.blocks()
         self._check_held(blocks, attributes)
-        with out_of_space_reported(path):
-            age = DAY if is_shared(path) else 0.0  # workers elsewhere may be at work
-            for leftover in () if is_remote(path) else path.rglob("*.partial*"):
+        with outputs.out_of_space_reported(path):
+            age = DAY if places.is_shared(path) else 0.0  # workers elsewhere may be at work
+            for leftover in () if places.is_remote(path) else path.rglob("*.partial*"):
                 with suppress(OSError):  # of a process that was killed
                     if leftover.is_file() and time.time() - leftover.stat().st_mtime >= age:
                         leftover.unlink()
             if blocks and not self.records.has(blocks[-1]):  # before the head lists more
-                clear(self.records.file(blocks.pop()))
-            with staged_folder(path) as head:  # its `zarr.json` comes last, behind all other names
+                places.clear(self.records.file(blocks.pop()))
+            with outputs.staged_folder(
+                path
+            ) as head:  # its `zarr.json` comes last, behind all other names
                 self._lay_out(head, attributes, labels)
                 others = () if blocks else path.glob("[!.]*/zarr.json")
                 for variable in others:  # begun with other axes, perhaps
                     laid_out = head / variable.parent.name / variable.name
                     if variable.parent.name == MAKING:
                         continue
-                    if not laid_out.is_file() or content(variable) != laid_out.read_bytes():
-                        remove(variable.parent)
+                    if not laid_out.is_file() or places.content(variable) != laid_out.read_bytes():
+                        outputs.remove(variable.parent)
 
     @cached_property
     def _memory(self) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -244,23 +233,23 @@ class BlockStore:
 
     def write(self, block: Block, values: Mapping[str, NDArray[Any]]) -> None:
         """Keep a block, and record that it is complete; the last may be cut short."""
-        places, (arrays, written) = self.layout.place(block), self._memory
+        cut, (arrays, written) = self.layout.place(block), self._memory
         files = self.layout.files(block)
         for name, each in values.items():
-            place = [places.get(d, slice(0, None)) for d in arrays[name].metadata.dimension_names]
-            lengths = [slice(cut.stop and cut.stop - cut.start) for cut in place]
+            place = [cut.get(d, slice(0, None)) for d in arrays[name].metadata.dimension_names]
+            lengths = [slice(part.stop and part.stop - part.start) for part in place]
             arrays[name][tuple(place)] = each[tuple(lengths)]
 
         def keep(file: str) -> str | None:
             chunk = written.pop(file, None)
             if chunk is None:  # Zarr writes none of values that are all the fill value
-                clear(self.path / file)
+                places.clear(self.path / file)
                 return None
-            put(self.path / file, data := chunk.to_bytes())
+            places.put(self.path / file, data := chunk.to_bytes())
             return checksum(data)
 
-        with out_of_space_reported(self.path):
-            kept = answers(self.path, keep, files.values())
+        with outputs.out_of_space_reported(self.path):
+            kept = places.answers(self.path, keep, files.values())
             self.records.write(block, dict(zip(files, kept, strict=True)))
 
     def _check_held(self, blocks: Sequence[Block], wanted: Mapping[str, Any]) -> None:
@@ -298,26 +287,19 @@ def _fixed(attributes: Mapping[str, Any], layout: StoreLayout) -> dict[str, Any]
     return {name: each for name, each in attributes.items() if name not in layout.growing}
 
 
-def opened(path: Path, mode: Literal["r", "r+"] = "r") -> "Group":
-    """Open a store by Zarr."""
-    import zarr
-
-    return zarr.open_group(**address(path), mode=mode, zarr_format=3)
-
-
 def attributes_of(path: Path) -> dict[str, Any]:
     """Return the attributes of a store; none if its head is missing or damaged."""
-    head = document(path / "zarr.json")
+    head = places.document(path / "zarr.json")
     attributes = head.get("attributes") if isinstance(head, dict) else None
     return attributes if isinstance(attributes, dict) else {}
 
 
 def check_place(path: Path, what: str) -> None:
     """Raise an `OutputError` if a place holds anything but a store, whole or begun."""
-    with unwritable_reported(path):
+    with outputs.unwritable_reported(path):
         if path.exists() and not path.is_dir():
             raise OutputError(f"cannot write {path}: it is a file; name a folder")
-        is_begun = any((path / MAKING / name).is_file() for name in ("zarr.json", LOCK))
+        is_begun = any((path / MAKING / name).is_file() for name in ("zarr.json", outputs.LOCK))
         if not is_begun and any(each.is_file() for each in path.rglob("*")):
             raise OutputError(f"{path} is not empty and no {what}; name another folder")
 
@@ -332,6 +314,6 @@ def checksum(data: bytes) -> str:
 def _checksum_of(file: Path) -> str | None:
     """Return the checksum of a file; None if there is no file."""
     try:
-        return checksum(content(file))
+        return checksum(places.content(file))
     except FileNotFoundError:
         return None

@@ -1,50 +1,34 @@
 """YAML documents checked by a model; an error names the entry and its line."""
 
-import math
-import re
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    Tag,
-    ValidationError,
-    model_validator,
-)
+import pydantic
 from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
-from ruamel.yaml.composer import Composer
-from ruamel.yaml.error import MarkedYAMLError
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
-from ruamel.yaml.resolver import VersionedResolver
+from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
 from periscopy_sim.errors import ConfigurationError, did_you_mean, in_words, path_fault
 from periscopy_sim.numerics.validation import RANGES, read_regular, size_of
 
-MOST_LETTERS = 1 << 17
-"""Bytes of a YAML file, and its letters and entries once aliases are filled in. At worst, of a list
-of digits, it takes 6 s to parse."""
+MOST_BYTES = 1 << 17
+"""Bytes of a YAML file. At worst, of a list of digits, it takes 6 s to parse."""
 
 UNKNOWN = "extra_forbidden"
 """Pydantic's type of a mistake: an entry that a model does not know."""
 
 
-class Strict(BaseModel):
+class Strict(pydantic.BaseModel):
     """A part of a document; an entry that it does not know is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid")
 
-    @model_validator(mode="wrap")
+    @pydantic.model_validator(mode="wrap")
     @classmethod
     def _knows(cls, value: Any, check: Any) -> Any:
         try:
             return check(value)
-        except ValidationError as error:
+        except pydantic.ValidationError as error:
             mistakes: list[Any] = error.errors(include_url=False)
         fields = cls.model_fields.items()
         known = [field.alias or name for name, field in fields if name != "folder"]
@@ -56,7 +40,7 @@ class Strict(BaseModel):
                 each["msg"] = f"is not known; {advice}"
             custom = PydanticCustomError(each["type"], "{text}", {"text": each["msg"]})
             each |= {"type": custom, "input": None}
-        raise ValidationError.from_exception_data(cls.__name__, mistakes)
+        raise pydantic.ValidationError.from_exception_data(cls.__name__, mistakes)
 
 
 def text_of(value: Any) -> str:
@@ -65,93 +49,26 @@ def text_of(value: Any) -> str:
     return text if len(text) < 200 else f"{text[:200]} ..."
 
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Number = Annotated[float, pydantic.Field(strict=True, allow_inf_nan=False)]
 """A finite number, no text or truth value."""
 
 
 def ranged(kind: str) -> Any:
     """Return the limits of a field that is a number of a kind in `RANGES`."""
-    return Field(strict=True, ge=RANGES[kind].least, le=RANGES[kind].most)
+    return pydantic.Field(strict=True, ge=RANGES[kind].least, le=RANGES[kind].most)
 
 
-RowsAndColumns = Annotated[tuple[int, int], BeforeValidator(size_of)]
+RowsAndColumns = Annotated[tuple[int, int], pydantic.BeforeValidator(size_of)]
 """Rows and columns, written as ROWSxCOLUMNS or [ROWS, COLUMNS]."""
 
 Sizes = Annotated[
-    Annotated[RowsAndColumns, Tag("one")] | Annotated[dict[str, RowsAndColumns], Tag("several")],
-    Discriminator(lambda value: "several" if isinstance(value, dict) else "one"),
+    Annotated[RowsAndColumns, pydantic.Tag("one")]
+    | Annotated[dict[str, RowsAndColumns], pydantic.Tag("several")],
+    pydantic.Discriminator(lambda value: "several" if isinstance(value, dict) else "one"),
 ]
 """Rows and columns of the only hidden surface, or of each by its id."""
 
 Document = TypeVar("Document", bound=Strict)
-
-
-MERGE = "merge"
-_SCALARS = {
-    "null": r"~|null|Null|NULL|",
-    MERGE: "<<",
-    "bool": r"true|True|TRUE|false|False|FALSE",
-    "int": r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+",
-    "float": r"""[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?
-                 |[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)""",
-}
-"""Plain scalars that are no texts, by YAML 1.2's core schema (Sec. 10.3); and what merges."""
-
-_TAG = "tag:yaml.org,2002:"
-_TYPED = [(_TAG + name, re.compile(rf"({form})\Z", re.X)) for name, form in _SCALARS.items()]
-
-
-class _CoreSchema(VersionedResolver):
-    """The types of plain scalars, whatever version of YAML a file names."""
-
-    types = _TYPED
-
-    @property
-    def versioned_resolver(self) -> dict[None, list[tuple[str, re.Pattern[str]]]]:
-        """Return the tags and forms of scalars, whatever they begin with."""
-        return {None: self.types}
-
-    @property
-    def processing_version(self) -> tuple[int, int]:
-        """Return the version of YAML."""
-        return 1, 2
-
-
-class _Texts(_CoreSchema):
-    """Plain scalars are texts, as on a command line, but for null."""
-
-    types = _TYPED[:2]  # null, and what merges
-
-
-class _Composer(Composer):
-    """Each entry's name is a text, not yes, null or 1; one given twice is an error."""
-
-    def compose_mapping_node(self, anchor: Any) -> MappingNode:
-        """Return the node of a mapping."""
-        node: MappingNode = super().compose_mapping_node(anchor)
-        names = set[str]()
-        for key, _ in node.value:
-            fault = "" if isinstance(key, ScalarNode) else "an entry's name is no text"
-            if not fault and key.value in names:
-                fault = f"'{key.value}' is given twice"
-            if fault:
-                raise MarkedYAMLError(problem=fault, problem_mark=key.start_mark)
-            names.add(key.value)
-            if key.tag != _TAG + MERGE:
-                key.tag = self.resolver.DEFAULT_SCALAR_TAG
-        return node
-
-
-def _letters(node: Node, known: dict[int, float]) -> float:
-    """Return the letters and entries of a node whose aliases are filled in; `known` by identity."""
-    if id(node) not in known:
-        known[id(node)] = math.inf  # of a node within itself
-        within = node.value
-        if isinstance(node, MappingNode):
-            within = [each for pair in node.value for each in pair]
-        own = len(within) if isinstance(within, str) else sum(_letters(n, known) for n in within)
-        known[id(node)] = 1 + own
-    return known[id(node)]
 
 
 def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> Document:
@@ -161,15 +78,9 @@ def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> D
     YAML is a `ConfigurationError`, and so are entries that are unknown, missing or out of range,
     all of them with their lines.
     """
-    yaml, content = YAML(typ="safe", pure=True), b""
-    yaml.Resolver, yaml.Composer = _Texts if as_texts else _CoreSchema, _Composer
-    yaml.composer.warn_double_anchors = False
+    yaml = YAML(typ="base" if as_texts else "safe", pure=True)
     try:
-        content = read_regular(path, MOST_LETTERS)
-        is_wide = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
-        document = yaml.compose(content.decode("utf-16" if is_wide else "utf-8-sig"))
-        if document and _letters(document, {}) > MOST_LETTERS:
-            raise ValueError("its aliases repeat too much, or hold themselves")
+        document = yaml.compose(read_regular(path, MOST_BYTES))
         entries = document and yaml.constructor.construct_document(document)
     except OSError as error:
         fault = path_fault(path) or f"{error.strerror}; check the path"
@@ -177,19 +88,13 @@ def read_yaml(path: Path, model: type[Document], *, as_texts: bool = False) -> D
     except Exception as error:  # the reader also raises what Python says of a huge integer
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark else ""
-        parts = (getattr(error, "context", None), getattr(error, "problem", None))
-        problem = (", ".join(filter(None, parts)) or str(error)).splitlines()[0]
-        if isinstance(error, RecursionError):
-            problem = "its entries are nested too deeply"
-        if isinstance(error, UnicodeDecodeError):
-            line = content.count(b"\n", 0, error.start) + 1
-            place, problem = f", line {line}", f"{error.reason} of {error.encoding}"
+        problem = str(getattr(error, "problem", None) or error).splitlines()[0]
         raise ConfigurationError(f"{path}{place}: {problem}; fix the YAML") from None
     if not isinstance(entries, dict) or "folder" in entries:
         raise ConfigurationError(f"{path}: is no mapping of entries as the example is")
     try:
         return model.model_validate({**entries, "folder": path.parent.resolve()})
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         # A list whose entry is wrong is too short, too.
         faults = error.errors()
         faults = [each for each in faults if each["type"] != "too_short"] or faults
@@ -203,7 +108,7 @@ def _located(node: Node | None, mistake: Any) -> str:
     for part in mistake["loc"]:
         pairs: list[tuple[Any, Any]] = []
         if isinstance(node, MappingNode):
-            pairs = [pair for pair in node.value if pair[0].value == part]
+            pairs = [pair for pair in node.value if pair[0].value == str(part)]
         elif isinstance(node, SequenceNode):
             pairs = [(each, each) for k, each in enumerate(node.value) if k == part]
         if pairs:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.cli.options import LightOptions, Model
+from periscopy_sim.cli.options import LightOptions
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.memo import Memo
 from periscopy_sim.rendering import bounced
@@ -24,9 +24,9 @@ def test_transport_has_its_closed_form_unless_rays_are_asked_for(scenario):
         (LightOptions(), "noise-aware", "areas", None),
         (LightOptions(), "mine.py:Mine", "areas", None),
         (LightOptions(), "preconditioned", "rays", 16),
-        (LightOptions(model=Model.analytic), "preconditioned", "areas", None),
+        (LightOptions(model="analytic"), "preconditioned", "areas", None),
         (LightOptions(samples=4), "noise-aware", "rays", 4),
-        (LightOptions(model=Model.rendered), "noise-aware", "rays", 128),
+        (LightOptions(model="rendered"), "noise-aware", "rays", 128),
     ]:
         plan = replace(scenario, light=light.of(scenario)).plan(0.005, method)
         assert (plan.by, plan.samples) == (by, samples)

@@ -13,7 +13,6 @@ from periscopy_sim.cli.output import (
     conclude,
     fixable,
     outcome_of,
-    part_of_command,
     progress,
     record,
     say,
@@ -92,7 +91,7 @@ def run_command(**options):
         conclude("The scene fits.", "green")
         written(Path("out/a.png"), Path("out/b.npy"))
         show_table([["PSNR", "27.10 dB"], ["[shift]", "1 patch \u202e"]], ["", "monitor"])
-        with part_of_command() as part:
+        with outcome_of(quiet=True, as_json=False) as part:
             say("of the part")
             record(psnr=[np.float64(1.5)])
         record(**part.numbers)
@@ -171,7 +170,13 @@ class Unhurried(list):
         pass
 
 
-@pytest.mark.parametrize(("put", "stream"), [(say, "stdout"), (warn, "stderr")])
+def put_row(text):
+    show_table([[text]])
+
+
+@pytest.mark.parametrize(
+    ("put", "stream"), [(say, "stdout"), (warn, "stderr"), (put_row, "stdout")]
+)
 def test_lines_of_threads_do_not_mix(put, stream, monkeypatch):
     pieces = Unhurried()
     monkeypatch.setattr(sys, stream, pieces)

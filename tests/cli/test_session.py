@@ -43,12 +43,6 @@ def test_scene_without_shadows_is_warned_of(capfd):
     assert line.startswith("chair.xml: ") and line in capfd.readouterr().err
 
 
-def test_rows_and_columns_that_are_exchanged_are_named():
-    for hidden, is_named in [("29x36", 0), ("36x29", 1), ("4x36", 0), ("30x29", 0)]:
-        session = Session("chair", [hidden], ["resolution=36"])
-        assert session.scenario.hidden.patches and len(session.warnings) == is_named
-
-
 def test_photograph_is_black_where_the_mask_leaves_it_out(session, saved, photographs, tmp_path):
     Image.fromarray(MASK).save(tmp_path / "mask.png")
     y = photographs[0]

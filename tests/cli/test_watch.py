@@ -175,5 +175,5 @@ RECORD = Recorder.__call__
 def interrupting(recorder, interrupt, *given):
     """Record pictures, and interrupt the command after the first full ones."""
     RECORD(recorder, *given)
-    if recorder._table and recorder._table.count == 1:
+    if recorder._count == 1:
         interrupt()

@@ -222,12 +222,11 @@ def test_each_frame_of_a_buffer_is_a_copy(said, stopped):
     ("frame", "reason"),
     [
         (np.ma.masked_less(np.arange(16.0).reshape(4, 4), 3), "masked"),
-        (np.dstack([np.arange(48, dtype=np.uint8).reshape(4, 4, 3), np.full((4, 4), 255)]), ":3"),
         (np.full((4, 4), np.nan), "NaN"),
         (np.ones((4, 4), complex), "complex"),
         (np.ones(7), "shape"),
-        ("no frame", r"shoot' \(test_frames.py:\d+\) returned a str, 'no frame'; return"),
-        ((True, np.ones((4, 4, 3))), r"\(test_frames.py:\d+\) returned a tuple, \(True, array"),
+        ("no frame", r"shoot' \(test_frames.py:\d+\) returned a str"),
+        ((True, np.ones((4, 4, 3))), r"\(test_frames.py:\d+\) returned a tuple"),
         ({"frame": 1}, "returned a dict"),
     ],
 )

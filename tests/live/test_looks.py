@@ -103,6 +103,11 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
         assert max(shown["faces"]) == len(vertices) - 1
 
 
+def decoded(source):
+    """The picture of a source."""
+    return np.asarray(Image.open(BytesIO(b64decode(source.partition(",")[2]))))
+
+
 def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
     scene = ps.load_scenario(write_cards(tmp_path), SIZES)
     pictures = SizedLaboratory(scene, is_coarse=True).fit(Choice({}, "bars")).pictures()
@@ -113,8 +118,10 @@ def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
         np.testing.assert_allclose(shown["grid"], surface.vertices)
         assert hidden_pixels(pictures)[name].shape == (*surface.shape, 3)
     for panel in panels_of(pictures)[1:]:
-        assert [each.shape[:2] for each in panel.pictures] == [*SIZES.values()]
-    assert "monitor 3 x 4, hidden_card 3 x 2 patches" in panels_of(pictures)[1].caption
+        assert [decoded(each["source"]).shape[:2] for each in panel["pictures"]] == [
+            *SIZES.values()
+        ]
+    assert "monitor 3 x 4, hidden_card 3 x 2 patches" in panels_of(pictures)[1]["caption"]
 
 
 def test_the_first_view_sees_the_wall_from_its_front():
@@ -128,20 +135,19 @@ def test_the_first_view_sees_the_wall_from_its_front():
 
 def test_a_source_holds_the_image():
     pixels = np.random.default_rng(0).integers(0, 256, (3, 5, 4), np.uint8)
-    kind, _, text = as_source(pixels).partition(",")
-    assert kind == "data:image/png;base64"
-    np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(b64decode(text)))), pixels)
+    assert as_source(pixels).startswith("data:image/png;base64,")
+    np.testing.assert_array_equal(decoded(as_source(pixels)), pixels)
 
 
 def test_every_picture_has_a_panel_and_false_colours_a_scale(level, choice):
     pictures = level().fit(choice).pictures()
     panels = panels_of(pictures)
-    assert [len(each.pictures[0]) for each in panels] == [24, 6, 6, 6]
-    assert f"{pictures.psnr:.1f} dB" in panels[1].caption
-    assert panels[3].scale[2].partition(" of")[0] in panels[3].caption
-    assert panels[3].look()["scale"]["colours"][0].startswith("#00000")  # magma's darkest
+    assert [len(decoded(each["pictures"][0]["source"])) for each in panels] == [24, 6, 6, 6]
+    assert f"{pictures.psnr:.1f} dB" in panels[1]["caption"]
+    assert panels[3]["scale"]["high"].partition(" of")[0] in panels[3]["caption"]
+    assert panels[3]["scale"]["colours"][0].startswith("#00000")  # magma's darkest
     without = replace(pictures, report=replace(pictures.report, standard_errors=None))
-    assert not panels_of(without)[3].pictures
+    assert not panels_of(without)[3]["pictures"]
     assert len(panels_of(replace(pictures, frame=0))) == 3
 
 
@@ -150,7 +156,8 @@ def test_residual_takes_the_place_of_what_nobody_knows(level, choice):
     used = np.ones((24, 24), bool)
     used[:6] = False
     pictures = level(photograph=Photograph(values, used)).fit(replace(choice, image="")).pictures()
-    for shown in photograph_pixels(pictures), panels_of(pictures)[2].pictures[0]:
+    residual = decoded(panels_of(pictures)[2]["pictures"][0]["source"])
+    for shown in photograph_pixels(pictures), residual:
         np.testing.assert_array_equal(shown[..., 3], 255 * used)  # the page hatches the rest
     assert hidden_pixels(pictures)["monitor"].shape == (6, 8, 3)  # the reconstruction
-    assert "Unexplained" in panels_of(pictures)[2].caption
+    assert "Unexplained" in panels_of(pictures)[2]["caption"]

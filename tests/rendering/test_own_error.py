@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.measurement import composite, composite_error
+from periscopy_sim.measurement import allowed_error, composite, composite_error
 from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.load import build_scene
 from periscopy_sim.rendering.photograph import path_trace, render_photograph, rendering_of
@@ -41,7 +41,7 @@ def chair():
 def test_error_by_areas_bounds_the_distance_from_a_finer_grid(chair, image, snr):
     scene, A = chair
     rendering = rendering_of(scene, image, snr=snr, bounces=1)
-    assert rendering.relative_error <= photograph.allowed_error(snr)
+    assert rendering.relative_error <= allowed_error(snr)
     finest = A @ image.reshape(-1, 3)
     off = rms(rendering.photograph.reshape(-1, 3) - finest) / rms(finest)
     assert 0.2 * rendering.relative_error < off < 1.2 * rendering.relative_error + 3e-5
@@ -52,7 +52,7 @@ def test_error_by_rays_is_the_distance_from_areas(chair, image, monkeypatch):
     exact = (A @ image.reshape(-1, 3)).reshape(12, 12, 3)
     monkeypatch.setattr(photograph, "has_areas", lambda _: False)
     first, second = (rendering_of(scene, image, snr=45, bounces=1, seed=k) for k in range(2))
-    assert first.relative_error <= photograph.allowed_error(45)
+    assert first.relative_error <= allowed_error(45)
     assert (first.photograph != second.photograph).any()
     off = rms(first.photograph - exact) / rms(exact)
     assert 1 / RATIO < off / first.relative_error < RATIO
@@ -105,10 +105,11 @@ def test_path_tracers_error_is_its_scatter(room):
 
 
 def test_images_of_very_many_patches_are_path_traced(shipped, monkeypatch):
-    monkeypatch.setattr(photograph, "_direct_light", None)
+    for way in ("_light_by_areas", "_light_by_rays"):
+        monkeypatch.setattr(photograph, way, None)
     image = np.ones((1000, 2000, 3))
     rendering = rendering_of(shipped("chair"), image, snr=20, bounces=1)
-    assert 0 < rendering.relative_error <= photograph.allowed_error(20)
+    assert 0 < rendering.relative_error <= allowed_error(20)
 
 
 @pytest.mark.parametrize("reflectance", ["0.9, 0.3, 0.15", None])
@@ -122,6 +123,28 @@ def test_detail_of_images_of_any_channels_lights_the_wall(room, reflectance):
     np.testing.assert_allclose(lights[2][:, :1], lights[0], rtol=1e-6)
     same = 0.1 if reflectance is None else 1e-6
     assert rms(lights[1] - lights[2][:, :3]) <= same * rms(lights[1])
+
+
+def test_error_counts_the_walls_colour(room):
+    """A coloured wall in white light is a white wall in coloured light."""
+    colour, image = np.array([0.02, 0.02, 0.92]), np.zeros((2, 3, 3))
+    image[..., 0], image[0, 1, 2] = 1, 1
+    walls = [room.wall(painted(each)) for each in ("0.02, 0.02, 0.92", "0.32, 0.32, 0.32")]
+    scenes = [room.load(room.blocker(), wall=wall) for wall in walls]
+    lit, white = (
+        rendering_of(scene, shown, snr=30, bounces=1)
+        for scene, shown in zip(scenes, [image, image * colour / colour.mean()], strict=True)
+    )
+    np.testing.assert_allclose(lit.photograph, white.photograph, rtol=1e-5)
+    assert lit.relative_error == pytest.approx(white.relative_error, rel=1e-4)
+
+
+def test_a_grid_that_misses_the_wall_leaves_the_coarser_ones(room, monkeypatch):
+    """The wall ends between the last points of the second and the third grid."""
+    monkeypatch.setattr(photograph, "_path_traced", None)
+    scene = room.load(monitor=room.monitor(room.area), wall=room.wall(x=-0.1004))
+    rendering = rendering_of(scene, np.ones((2, 3, 3)), snr=140, bounces=1)
+    assert allowed_error(140) < rendering.relative_error < 1e-3
 
 
 def test_an_snr_beyond_the_budget_is_warned_of(shipped, monkeypatch):

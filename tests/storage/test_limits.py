@@ -1,16 +1,13 @@
 """Files that ask for more memory or time than there is: refused by their heads."""
 
-import io
 import json
 import os
 import struct
 import tracemalloc
-import zipfile
 import zlib
 
 import numpy as np
 import pytest
-import tifffile
 
 from periscopy_sim.dataset.configuration import load_configuration
 from periscopy_sim.errors import ConfigurationError, PhotographError
@@ -18,7 +15,6 @@ from periscopy_sim.laboratory.document import load_laboratory
 from periscopy_sim.numerics.validation import read_json
 from periscopy_sim.rendering.scene_files import read_mesh
 from periscopy_sim.storage.photographs import (
-    open_frames,
     read_mask,
     read_photograph,
     read_sensor_image,
@@ -38,42 +34,17 @@ def exr(path):
     path.write_bytes(content)
 
 
-def npz(path):
-    head = io.BytesIO()
-    entries = {"descr": "<f4", "fortran_order": False, "shape": (10**5, 10**5, 3)}
-    np.lib.format.write_array_header_1_0(head, entries)
-    with zipfile.ZipFile(path, "w") as archive:
-        for key in ("photograph", "hidden", "mask"):
-            archive.writestr(f"{key}.npy", head.getvalue() + bytes(99))
-
-
-def packed(size):
-    return zlib.compress(bytes(size), 9)
-
-
-def png(path, side=10**5, data=b""):
+def png(path):
     def chunk(kind, content):
         return struct.pack(">I", len(content)) + kind + content + struct.pack(
             ">I", zlib.crc32(kind + content))  # fmt: skip
 
-    head = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 16, 2, 0, 0, 0))
-    end = chunk(b"IDAT", data) + chunk(b"IEND", b"")
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", 10**5, 10**5, 16, 2, 0, 0, 0))
+    end = chunk(b"IDAT", b"") + chunk(b"IEND", b"")
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + head + end)
 
 
-def png_of_more(path):
-    png(path, 8, packed(1 << 26))
-
-
-def tiff_of_more(path):
-    with tifffile.TiffWriter(path) as file:
-        strips = iter([packed(1 << 26)])
-        file.write(
-            strips, shape=(*SIZE, 3), dtype="u2", compression="adobe_deflate", rowsperstrip=8
-        )
-
-
-@pytest.mark.parametrize("save", [exr, npz, png, png_of_more, tiff_of_more])
+@pytest.mark.parametrize("save", [exr, png])
 def test_pictures_are_refused_before_they_are_decoded(save, tmp_path):
     save(path := tmp_path / "y")
     tracemalloc.start()
@@ -89,53 +60,9 @@ def test_pictures_are_refused_before_they_are_decoded(save, tmp_path):
     tracemalloc.stop()
 
 
-def huge_head(path):
-    head = path / "photograph" / "zarr.json"
-    head.write_text(head.read_text().replace("[\n    2,", "[\n    1000000000,"))
-
-
-def huge_chunk(path):
-    from numcodecs import Zstd
-
-    chunk = Zstd().encode(bytes(1 << 26))
-    (path / "photograph/c/0/0/0/0").write_bytes(chunk)
-
-
-def pipe(path):
-    (path / "photograph/c/1/0/0/0").unlink()
-    os.mkfifo(path / "photograph/c/1/0/0/0")
-
-
-@pytest.mark.parametrize("damage", [huge_head, huge_chunk, pipe])
-def test_stacks_are_refused_before_chunks_are_listed_or_unpacked(damage, tmp_path):
-    import zarr
-
-    group = zarr.open_group(tmp_path / "y.zarr", mode="w")
-    stack = np.random.default_rng(0).random((2, *SIZE, 3), np.float32)
-    array = group.create_array("photograph", shape=stack.shape, chunks=(1, *SIZE, 3), dtype="f4",
-                               fill_value=np.nan)  # fmt: skip
-    array[:] = stack
-    assert len([*open_frames(tmp_path / "y.zarr", SIZE)]) == 2
-    damage(tmp_path / "y.zarr")
-    tracemalloc.start()
-    with pytest.raises(PhotographError):
-        list(open_frames(tmp_path / "y.zarr", SIZE))
-    assert tracemalloc.get_traced_memory()[1] < 1 << 25
-    tracemalloc.stop()
-
-
-NESTED = "[&a [lol,lol,lol,lol,lol,lol,lol,lol], {}]".format(
-    ", ".join(
-        f"&{b} [{','.join([f'*{a}'] * 8)}]" for a, b in zip("abcdefghi", "bcdefghij", strict=True)
-    )
-)
-
-
 @pytest.mark.parametrize("read", [load_configuration, load_laboratory])
 def test_yaml_without_end_is_refused(read, tmp_path):
     for text in (
-        f"hidden: {NESTED}",
-        f"wall: {{distance: {NESTED}}}",
         "hidden: &a [*a]",
         "a: " + "[" * 999,
         "#" * (1 << 18),

@@ -6,7 +6,7 @@ import pytest
 
 from periscopy_sim.dataset.reading import Layout, read_head
 from periscopy_sim.errors import OutputError
-from periscopy_sim.storage import store
+from periscopy_sim.storage import outputs, places
 from periscopy_sim.storage.outputs import alone_in
 from periscopy_sim.storage.store import MAKING, BlockStore, Label, StoreLayout, check_place
 from tests.scenes.contents import contents
@@ -192,8 +192,8 @@ def test_a_second_writer_removes_nothing_of_the_first(tmp_path, monkeypatch):
 
         return then
 
-    for name in ("put", "clear", "remove", "staged_file"):
-        monkeypatch.setattr(store, name, watched(getattr(store, name)))
+    for module, name in ((places, "put"), (places, "clear"), (outputs, "staged_file")):
+        monkeypatch.setattr(module, name, watched(getattr(module, name)))
     written = []
     before = contents(tmp_path / "d")
     archive(tmp_path / "d")  # both have begun

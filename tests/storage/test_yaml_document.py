@@ -26,22 +26,20 @@ def read(tmp_path):
     return read
 
 
-# YAML 1.2, Sec. 10.3: what differs from YAML 1.1 are the texts, and the integer with a leading 0.
+# YAML 1.2, Sec. 10.3.
 CORE = {
     "060": 60, "-7": -7, "0o17": 15, "0x1F": 31, "1e3": 1e3, ".5": 0.5, "5.": 5.0,
     "-.INF": -math.inf, "true": True, "False": False, "~": None, "": None, "'060'": "060",
-    "!!str 5": "5", "1:2.5": "1:2.5", "1:9:3": "1:9:3", "0:0.05": "0:0.05", "1_000": "1_000",
-    "0b11": "0b11", "yes": "yes", "off": "off", "2020-01-01": "2020-01-01",
-    "2001-13-45": "2001-13-45", "=": "=",
+    "!!str 5": "5", "1:2.5": "1:2.5", "1:9:3": "1:9:3", "0:0.05": "0:0.05",
+    "yes": "yes", "off": "off",
 }  # fmt: skip
 
 
 def test_scalars_are_those_of_the_core_schema(read):
     for text, value in CORE.items():
-        for head in "", "%YAML 1.1\n---\n":
-            assert repr(read(f"{head}a: {text}\n").a) == repr(value), text
-        plain = text and not text.startswith(("'", "!", "~"))
-        assert read(f"a: {text}\n", as_texts=True).a == (text if plain else value), text
+        assert repr(read(f"a: {text}\n").a) == repr(value), text
+        is_plain = not text.startswith(("'", "!"))
+        assert read(f"a: {text}\n", as_texts=True).a == (text if is_plain else value), text
 
 
 def test_an_entry_of_its_own_comes_before_a_merged_one(read):
@@ -50,9 +48,9 @@ def test_an_entry_of_its_own_comes_before_a_merged_one(read):
 
 def test_faults_have_a_line(read):
     for text, line in (
-        ("a: 1\n'a': 2", 2), ("a: 1\n---\nb: 2", 2), ("a:\n\tb: 1", 2), ("a: 1\n? [b]\n: 2", 2),
+        ("a: 1\n'a': 2", 2), ("a: 1\n---\nb: 2", 2), ("a:\n\tb: 1", 2),
         ("a: 1\nb: *x", 2), ("a: 1\nb: !!python/name:os.system x", 2), ("a: 1\nyes: 2", 2),
-        (b"a: 1\nb: \xe9", 2), ("a: [1,\n2", 2), ("b: {<<: 3}", 1),
+        ("a: [1,\n2", 2), ("b: {<<: 3}", 1),
     ):  # fmt: skip
         with pytest.raises(ConfigurationError, match=rf"a\.yaml.* line {line}\b") as caught:
             read(text)
