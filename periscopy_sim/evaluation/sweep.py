@@ -39,6 +39,23 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+@dataclass(frozen=True)
+class Unfitted:
+    """A method that could not be fitted: each of its results fails with the error."""
+
+    error: PeriscopyError
+
+    def fitted_to(self, photograph: Photograph) -> Self:
+        """Return this."""
+        del photograph
+        return self
+
+    def reconstruct(self, photograph: Image) -> Any:
+        """Raise the error."""
+        del photograph
+        raise self.error
+
+
 @dataclass(frozen=True, eq=False)
 class World:
     """A laboratory whose photographs methods reconstruct.
@@ -347,9 +364,9 @@ def run_sweep(
 ) -> "xr.Dataset":
     """Reconstruct every measurement by every method; resume where an earlier run stopped.
 
-    A method that raises, or returns another shape or values that are not finite, fails alone; so do
-    values of `Sweep.vary` of which there is no scene, or to which a method cannot be fitted, unless
-    all fail.
+    A method that cannot be fitted, raises, or returns another shape or values that are not finite
+    fails alone; so do values of `Sweep.vary` of which there is no scene. If nothing can be fitted
+    the error is raised.
 
     Parameters
     ----------
@@ -386,21 +403,24 @@ def run_sweep(
     folder, worlds, axes = places.place(folder), sweep.world, sweep.axes
     store = _store(sweep, folder)
     missing, count = store.missing(), math.prod(map(len, axes.values()))
-    done, failed = count - len(missing), list[tuple[Values, str]]()
+    done, failed = count - len(missing), list[tuple[Values, PeriscopyError]]()
     if planned is not None:
         planned(missing)
     for (*values, snr), cells in _by([*sweep.vary, "snr"], missing).items():
         at = dict(zip(sweep.vary, values, strict=True))
         try:
-            world = worlds(snr, **at)
-        except PeriscopyError as error:
-            is_of_values = isinstance(error, SceneError) or isinstance(error.__cause__, InputError)
-            failed += [(cell, str(error)) for cell in cells]
-            if not (at and is_of_values) or len(failed) == count:
-                raise
-            done += len(cells)
+            methods = (world := worlds(snr, **at)).methods
+            errors = {n: each.error for n, each in methods.items() if isinstance(each, Unfitted)}
+        except SceneError as error:
+            errors = dict.fromkeys(axes["algorithm"], error)
+        failed += [(c, errors[c["algorithm"]]) for c in cells if c["algorithm"] in errors]
+        if len(failed) == count:
+            raise failed[0][1]
+        fitted = [cell for cell in cells if cell["algorithm"] not in errors]
+        done += len(cells) - len(fitted)
+        if not fitted:
             continue
-        with closing(_outcomes(sweep, world, at, cells, scheduler)) as found:
+        with closing(_outcomes(sweep, world, at, fitted, scheduler)) as found:
             for cell, outcome in found:
                 seconds = outcome.pop("seconds", None)
                 if timed is not None and seconds is not None:
@@ -410,7 +430,7 @@ def run_sweep(
                 if progress is not None:
                     progress(done / count)
     for cell, why in failed:
-        store.write(cell, {"failure": why})
+        store.write(cell, {"failure": f"{type(why).__name__}: {why}"})
     results = store.load()
     surfaces = named("", worlds.hidden)
     metrics = [*(f"{name}{of}" for of in surfaces for name in METRICS), *worlds.measures]

@@ -16,6 +16,7 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.evaluation.sweep import World
+from periscopy_sim.evaluation.sweep_store import read_sweep
 from periscopy_sim.rendering import transport as planning
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.storage.rasters import read_exr, write_exr
@@ -421,7 +422,11 @@ def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(periscopy, s
     assert outcome.code == 2 and "'mine.py:Unfit'" in outcome.err
     outcome = periscopy(*command(methods="preconditioned", samples="4", out="grain"))
     assert outcome.code == 2 and "rank" in outcome.err
-    succeeds(*command(methods="mine.py:Mine", sbr="2", snr=50, ambient="lamp.exr"))
+    given = {"sbr": "2", "snr": 50, "ambient": "lamp.exr"}
+    shown = succeeds(*command(methods="mine.py:Unfit,mine.py:Mine", **given))
+    assert "mine.py:Unfit failed on 1 of 1" in shown and "KeyError: 'no'" in shown
+    results = read_sweep(Path("out/sweep.zarr")).squeeze()
+    assert results["psnr"].isnull().values.tolist() == [True, False]
 
 
 def test_files_of_unknown_origin_are_not_taken_up(refused, folder):
