@@ -3,6 +3,7 @@
 A study file has the options of a sweep as YAML, where they are too long for a line.
 """
 
+import math
 import re
 import sys
 from collections import defaultdict
@@ -256,14 +257,21 @@ def _show_means(results: "xr.Dataset") -> None:
 
     kept = [axis for axis in ("algorithm", KNOWN) if axis in results.dims]
     surfaces, shown = sweeps.surfaces_of(results, "psnr"), list[list[str]]()
+    over = [axis for axis in results["failure"].dims if axis not in (*kept, "sbr")]
+
+    def by_ratio(values: "xr.DataArray") -> Any:
+        table = values.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
+        return table.rename(columns="{:g}".format)
+
+    failed = by_ratio((results["failure"] != "").sum(over))
+    size = math.prod(results.sizes[axis] for axis in over)
+    marks = failed.map(lambda count: f" ({size - count} of {size})" * bool(count))
     for surface in surfaces:
-        psnr = results[surface]  # without failures
-        means = psnr.mean([axis for axis in psnr.dims if axis not in (*kept, "sbr")])
-        table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
-        table = table.rename(columns="{:g}".format)
+        table = by_ratio(results[surface].mean(over))  # without failures
         values = table.astype(object).where(np.isfinite(table), None).reset_index()
         output.record(**{surface: values.to_dict("records")})
-        cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
+        texts = table.map("{:.1f} dB".format) + marks
+        cells = texts.where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
         lights = [
             "no ambient light" if r == "inf" else f"SBR {float(r):.3g}" for r in table.columns
@@ -292,9 +300,9 @@ def _show_means(results: "xr.Dataset") -> None:
             output.say(f"{trusted.sum().item():g} of {count} calibrations are trusted")
     for name in names:
         messages = results["failure"].sel({"algorithm": name}).values.ravel()
-        failed = messages[messages != ""]
-        if failed.size:
-            output.say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")
+        reasons = messages[messages != ""]
+        if reasons.size:
+            output.say(f"{name} failed on {reasons.size} of {messages.size}, first: {reasons[0]}")
 
 
 def parse_values(text: str, flag: str) -> list[Any]:

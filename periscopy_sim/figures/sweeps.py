@@ -1,5 +1,6 @@
 """Sweeps as figures: a metric of each method over one axis, in small multiples over another."""
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
@@ -98,7 +99,9 @@ def draw_sweep(
     if not any(means["mean"].notnull().any() for _, means in parts):
         why = next(filter(None, results["failure"].values.ravel().tolist()), "no value")
         raise PeriscopyError(f"nothing to draw, all failed: {why}")
-    held = f"; panels: {panels}" if _is_long(panels) else ""
+    some = any(((part["failed"] > 0) & part["mean"].notnull()).any() for _, part in parts)
+    held = "; open markers: means of the rest" * some
+    held += f"; panels: {panels}" if _is_long(panels) else ""
     caption = _caption([means for _, means in parts]) + held + _held(results, fixed, [over, panels])
     room, methods = 0.7 * width / columns, results.attrs.get("algorithms", [])
     with drawn(path, metadata if path.suffix == ".png" else None, caption) as figure:
@@ -163,18 +166,22 @@ def table_of(results: "xr.Dataset", metric: str) -> Any:
 def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
     """Return a LaTeX table, a column for each method: means with 95 % confidence intervals.
 
-    The table has a label, and needs the package booktabs.
+    A mean without some results that failed says of how many it is. The table has a label, and needs
+    the package booktabs.
     """
-    from periscopy_sim.evaluation.statistics import LEVEL, interval
+    from periscopy_sim.evaluation.statistics import LEVEL, UNITS, interval
 
     surfaces, results = surfaces_of(results, metric), _in_millimetres(results)
     table, half = table_of(results, metric), f"half_{100 * LEVEL:g}"
+    units = [axis for axis in UNITS if axis in results["failure"].dims]
+    size = math.prod(results.sizes[axis] for axis in units)
     middle = table[half].median()
     digits = 3 if np.isnan(middle) else int(np.clip(1 - np.floor(np.log10(middle or 1)), 0, 9))
 
     def text(row: Any) -> str:
         within = "" if np.isnan(row[half]) else f" \\pm {row[half]:.{digits}f}"
-        return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}$"
+        mark = f" ({size - row['failed']} of {size})" * bool(row["failed"])
+        return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}${mark}"
 
     axes = [*table.columns[: table.columns.get_loc("metric")]]
     cells = table.assign(text=[text(row) for _, row in table.iterrows()])
@@ -317,13 +324,17 @@ def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room:
         mean, half = (of_method[each].values.reshape(len(values)) for each in ("mean", "half"))
         low, high = (np.clip(each, *limits or (None, None)) for each in (mean - half, mean + half))
         look = {"marker": marker, "ms": 2.8, "color": colour, "label": name}
-        if is_text:  # nothing lies between two words
-            beside = places + 0.5 * (k - (len(names) - 1) / 2) / len(names)
-            ax.errorbar(beside, mean, (mean - low, high - mean), ls="", capsize=2, lw=1, **look)
-            continue
-        ax.plot(places, mean, ls=dashes, **look)
-        # The edge keeps the band of a single value in sight.
-        ax.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0.8)
+        # Between two words lies nothing.
+        x = places + 0.5 * (k - (len(names) - 1) / 2) / len(names) * is_text
+        if is_text:
+            ax.errorbar(x, mean, (mean - low, high - mean), ls="", capsize=2, lw=1, **look)
+        else:
+            ax.plot(x, mean, ls=dashes, **look)
+            # The edge keeps the band of a single value in sight.
+            ax.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0.8)
+        some = np.isfinite(mean) & (of_method["failed"].values.ravel() > 0)
+        if some.any():
+            ax.plot(x[some], mean[some], ls="", mfc="white", zorder=3, **look | {"label": ""})
     if is_text:
         is_wide = sum(map(len, values)) + 2 * len(values) > LETTERS * room
         ax.set_xticks(places, values, rotation=50 * is_wide, ha="right" if is_wide else "center")

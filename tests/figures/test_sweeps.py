@@ -77,11 +77,16 @@ def test_any_axis_is_drawn_over_and_what_is_held_is_said(tmp_path, saved):
         draw_sweep(tmp_path / "b.png", results(), metric="mean_error")
 
 
-def test_captions_name_what_is_held_and_which_method_failed(tmp_path):
+def test_captions_name_what_is_held_and_which_method_failed(tmp_path, saved):
     given = results().isel(hidden=[0]).assign_attrs(held=["hidden"])
+    given["failure"][0, 0, 0, :3, 0] = "lost"
+    given["mean_squared_error"] = given["mean_squared_error"].where(given["failure"] == "")
     caption = draw_sweep(tmp_path / "a.png", given, metric="mean_squared_error")
     assert f"hidden = {SIZES[0]}" in caption and "10 of second failed" in caption
-    assert f"hidden = {SIZES[0]}" in latex_of(given, "mean_squared_error", "tab:a")
+    (marked,) = (line for line in saved[0].axes[0].lines if line.get_mfc() == "white")
+    assert marked.get_xdata().tolist() == [0.1]
+    latex = latex_of(given, "mean_squared_error", "tab:a")
+    assert f"hidden = {SIZES[0]}" in latex and latex.count(" (4 of 10)") == 1
 
 
 def test_labels_take_the_place_of_names(tmp_path, saved):
