@@ -375,11 +375,16 @@ def plot(
     store = attributes_of(folder / "sweep.zarr")
     if "axes" not in store:
         raise ps.PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
-    asked = {name: values for name, values in store.get("asked", {}).items() if name not in texts}
+    last: dict[str, list[Any]] = store.get("asked", {})
+    asked = {name: values for name, values in last.items() if name not in texts}
     if reference and axis in asked:
         kept = [*asked[axis], *(v for v in store["axes"][axis] if v in (value, number_of(value)))]
         asked[axis] = [*dict.fromkeys(kept)]
-    results = _complete(_held(read_sweep(folder / "sweep.zarr", asked), texts))
+    results = _held(read_sweep(folder / "sweep.zarr", asked), texts)
+    if any(_begun(results)[held].size < results.sizes[held] for held in texts):
+        asked = {}  # an earlier sweep gave these values, with other ones of other axes
+        results = _held(read_sweep(folder / "sweep.zarr"), texts)
+    results = _complete(results, last)
     if others := [each for each in asked if len(asked[each]) < len(store["axes"][each])]:
         output.say(
             f"as the last sweep asked; {folder} holds more values of {', '.join(others)}, which "
@@ -419,20 +424,34 @@ def _held(results: "xr.Dataset", at: Mapping[str, Sequence[str]]) -> "xr.Dataset
     return results.assign_attrs(held=[*at])
 
 
-def _complete(results: "xr.Dataset") -> "xr.Dataset":
-    """Return results without values that no run has got to; a PeriscopyError if others lack."""
+def _lacking(results: "xr.Dataset") -> "xr.DataArray":
+    """Return which results are missing."""
     metric = next(str(n) for n in results.data_vars if str(n).startswith("mean_squared_error"))
-    lacks = results[metric].isnull() & (results["failure"] == "")
-    begun = {
-        axis: results[axis].values[~lacks.all([each for each in lacks.dims if each != axis])]
+    return results[metric].isnull() & (results["failure"] == "")
+
+
+def _begun(results: "xr.Dataset") -> dict[str, Any]:
+    """Return the values of each axis that have results."""
+    lacks = _lacking(results)
+    return {
+        str(axis): results[axis].values[~lacks.all([each for each in lacks.dims if each != axis])]
         for axis in lacks.dims
     }
+
+
+def _complete(results: "xr.Dataset", asked: Mapping[str, Sequence[Any]]) -> "xr.Dataset":
+    """Return results without values that no run has got to; a PeriscopyError if others lack.
+
+    A line counts those that the last sweep asked for.
+    """
+    lacks = _lacking(results)
     if lacks.all():
         raise ps.PeriscopyError("the sweep has no result yet; run it again, it goes on")
-    if left := int(lacks.sum()):
-        output.say(f"{left} of {lacks.size} results are missing: run the same 'periscopy sweep'")
-    results, lacks = results.sel(begun), lacks.sel(begun)
-    if left := int(lacks.sum()):
+    last = lacks.sel({n: [v for v in lacks[n].values if v in of] for n, of in asked.items()})
+    if left := int(last.sum()):
+        output.say(f"{left} of {last.size} results are missing: run the same 'periscopy sweep'")
+    results = results.sel(_begun(results))
+    if left := int((lacks := _lacking(results)).sum()):
         raise ps.PeriscopyError(
             f"{left} of {lacks.size} results are missing; run the same 'periscopy sweep' "
             "again, which goes on, or hold some values by --at"

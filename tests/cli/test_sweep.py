@@ -205,6 +205,12 @@ def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(su
     assert "algorithm, sbr" in said and rows() == 2
     assert rows("--at", "sbr=0.5,50") == 2 and rows("--at", "algorithm=truncated-svd") == 2
     assert rows("--reference", "truncated-svd") == 2
+    dark = command(ambient="none", methods="preconditioned")
+    succeeds(*(each for each in dark if each not in ("--sbr", "0.5,5")))
+    succeeds(*command(sbr="0.5,5", methods="preconditioned"))
+    for at in ("background=none", "sbr=inf"):
+        assert "missing" not in succeeds("plot", "out", "--at", at, "--out", "t.csv")
+        assert rows("--at", at) == 1
     for chunks in Path("out/sweep.zarr").glob("*/c"):
         if chunks.parent.name in ("mean_squared_error", "failure"):
             shutil.rmtree(chunks)  # as before the first result
