@@ -206,7 +206,9 @@ def sweep(
     times = [[name, f"{median:.2g} s"] for name, median in medians.items()]
     output.show_table(times, ["method", "median time of a core for a photograph"])
     computed = sum(map(len, seconds.values()))
-    output.say(f"computed {computed} of {results['failure'].size} results")
+    failed = int((results["failure"] != "").sum())
+    again = f"; the same command tries the {failed} again that failed" * bool(failed)
+    output.say(f"computed {computed} of {results['failure'].size} results{again}")
     output.record(seconds=medians, computed=computed, results=results["failure"].size)
     output.written(*(out / name for name in ("sweep.zarr", "sweep.csv", "sweep.png")))
 
