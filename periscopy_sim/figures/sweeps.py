@@ -104,20 +104,24 @@ def draw_sweep(
     held += f"; panels: {panels}" if _is_long(panels) else ""
     caption = _caption([means for _, means in parts]) + held + _held(results, fixed, [over, panels])
     room, methods = 0.7 * width / columns, results.attrs.get("algorithms", [])
+    least = min(float(means["mean"].min()) for _, means in parts)
+    lowest = min(float((means["mean"] - means["half"].fillna(0)).min()) for _, means in parts)
+    is_log = metric == "mean_squared_error" and least > 0
+    # Of an interval, which may hold 0.
+    bottom = max(least / 3, 0.8 * lowest) if is_log else -np.inf
+    if lowest < bottom:
+        caption += "; triangles: intervals that reach lower"
     with drawn(path, metadata if path.suffix == ".png" else None, caption) as figure:
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
         for ax in grid.flat[len(parts) :]:
             ax.axis("off")
         for ax, letter, (title, means) in zip(grid.flat, ascii_lowercase, parts, strict=False):
-            _draw(ax, means, over, methods or means["algorithm"].values.tolist(), room)
+            _draw(ax, means, over, methods or means["algorithm"].values.tolist(), room, bottom)
             if len(parts) > 1:
                 ax.set_title(f"{letter}  {title}", loc="left")
-        least = min(float(means["mean"].min()) for _, means in parts)
-        if metric == "mean_squared_error" and least > 0:
+        if is_log:
             grid[0, 0].set_yscale("log")
-            # Of an interval, which may hold 0.
-            lowest = min(ax.dataLim.y0 for ax in grid.flat[: len(parts)])
-            grid[0, 0].set_ylim(bottom=max(least / 3, 0.8 * lowest))
+            grid[0, 0].set_ylim(bottom=bottom)
             plain_ticks(grid[0, 0].yaxis)
         else:
             grid[0, 0].yaxis.set_major_locator(mpl.ticker.MaxNLocator(5, min_n_ticks=4))
@@ -298,10 +302,13 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
 
 
-def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room: float) -> None:
+def _draw(
+    ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room: float, bottom: float
+) -> None:
     """Draw each method's mean and interval over the values of an axis, where there are some.
 
-    A method looks as its place among all of them says. The panel is `room` inches wide.
+    A method looks as its place among all of them says. The panel is `room` inches wide. An interval
+    that reaches below the bottom ends there in a triangle.
     """
     all_looks = zip(cycle(OKABE_ITO), cycle(MARKERS), cycle(DASHES), strict=False)
     looks = dict(zip(methods, all_looks, strict=False))
@@ -331,10 +338,17 @@ def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room:
         else:
             ax.plot(x, mean, ls=dashes, **look)
             # The edge keeps the band of a single value in sight.
-            ax.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0.8)
+            within = np.maximum(low, bottom), high
+            ax.fill_between(x, *within, color=colour, alpha=0.18, linewidth=0.8)
+        look |= {"ls": "", "zorder": 3, "label": ""}
         some = np.isfinite(mean) & (of_method["failed"].values.ravel() > 0)
         if some.any():
-            ax.plot(x[some], mean[some], ls="", mfc="white", zorder=3, **look | {"label": ""})
+            ax.plot(x[some], mean[some], mfc="white", **look)
+        if (cut := low < bottom).any():
+            ends = np.full(cut.sum(), bottom)
+            ax.plot(
+                x[cut], ends, clip_on=False, **look | {"marker": mpl.markers.CARETDOWN, "ms": 5}
+            )
     if is_text:
         is_wide = sum(map(len, values)) + 2 * len(values) > LETTERS * room
         ax.set_xticks(places, values, rotation=50 * is_wide, ha="right" if is_wide else "center")

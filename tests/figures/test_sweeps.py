@@ -3,6 +3,7 @@ from string import ascii_lowercase
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.markers import CARETDOWN
 from scipy import stats
 
 from periscopy_sim.errors import PeriscopyError
@@ -84,7 +85,9 @@ def test_captions_name_what_is_held_and_which_method_failed(tmp_path, saved):
     caption = draw_sweep(tmp_path / "a.png", given, metric="mean_squared_error")
     assert f"hidden = {SIZES[0]}" in caption and "10 of second failed" in caption
     (marked,) = (line for line in saved[0].axes[0].lines if line.get_mfc() == "white")
-    assert marked.get_xdata().tolist() == [0.1]
+    (cut,) = (line for line in saved[0].axes[0].lines if line.get_marker() == CARETDOWN)
+    assert marked.get_xdata().tolist() == cut.get_xdata().tolist() == [0.1]
+    assert cut.get_ydata() == pytest.approx(saved[0].axes[0].get_ylim()[0])
     latex = latex_of(given, "mean_squared_error", "tab:a")
     assert f"hidden = {SIZES[0]}" in latex and latex.count(" (4 of 10)") == 1
 
