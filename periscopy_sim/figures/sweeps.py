@@ -51,7 +51,7 @@ def draw_sweep(
     path
         A PNG, PDF or SVG file.
     results
-        From `run_sweep`. Axes that are neither drawn nor of samples stay at their first value,
+        From `run_sweep`. Axes that are neither drawn nor of samples stay at their middle value,
         which the figure says.
     metric
         A variable of the results; of several surfaces each has a panel.
@@ -86,7 +86,10 @@ def draw_sweep(
     if results[over].dtype.kind in "fiu":
         results = results.sortby(over)
     results = _in_millimetres(results)
-    fixed = {axis: results[axis].values[0] for axis in free if axis not in (over, panels)}
+    fixed = {
+        axis: results[axis].values[(results.sizes[axis] - 1) // 2]
+        for axis in free if axis not in (over, panels)
+    }  # fmt: skip
     parts = [
         (title, interval(part[surface].sel(fixed), [over, panels], part["failure"].sel(fixed)))
         for surface in surfaces
@@ -255,6 +258,7 @@ def _held(results: "xr.Dataset", fixed: Mapping[str, Any], shown: Sequence[str])
     values = {**{axis: results[axis].values for axis in held}, **fixed}
     return "".join(
         f"; {', '.join(_said(results[a], a, value) for value in np.ravel(each).tolist())}"
+        + f" (one of {results.sizes[a]})" * (a in fixed)
         for a, each in values.items()
     )
 

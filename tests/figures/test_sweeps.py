@@ -71,7 +71,7 @@ def test_any_axis_is_drawn_over_and_what_is_held_is_said(tmp_path, saved):
     draw_sweep(tmp_path / "a.pdf", results(), metric=metric, over="hidden", panels="background")
     assert [ax.axison for ax in saved[0].axes] == 5 * [True] + [False]
     assert [tick.get_text() for tick in saved[0].axes[0].get_xticklabels()] == SIZES
-    assert "SBR = 0.1" in saved[0].get_supxlabel()
+    assert "SBR = 1 (one of 3)" in saved[0].get_supxlabel().replace("\n", " ")
     with pytest.raises(PeriscopyError, match="sbr"):
         draw_sweep(tmp_path / "b.png", results(), metric=metric, over="sbrr")
     with pytest.raises(PeriscopyError, match="mean_squared_error"):
