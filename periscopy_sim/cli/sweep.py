@@ -276,7 +276,7 @@ def _show_means(results: "xr.Dataset") -> None:
         cells = texts.where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
         lights = [
-            "no ambient light" if r == "inf" else f"SBR {float(r):.3g}" for r in table.columns
+            "no ambient light" if ratio == "inf" else f"SBR {ratio}" for ratio in table.columns
         ]
         header = [title, *kept[1:], *lights]
         output.show_table(cells.astype(str).values.tolist(), header)

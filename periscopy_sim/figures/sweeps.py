@@ -302,7 +302,7 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     """Return an axis and its value in words."""
     unit = axis.attrs.get("units", "1").replace("1", "")
     is_number = isinstance(value, int | float | np.number)
-    text = f"{value:.4g} {unit}".strip() if is_number else str(value)
+    text = f"{value:g} {unit}".strip() if is_number else str(value)
     return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
 
 
@@ -389,5 +389,6 @@ def words_of(variable: "xr.DataArray", name: str) -> str:
     """Return a metric or an axis in words, with its unit."""
     unit, minus = variable.attrs.get("units", "1"), variable.attrs.get("minus", "")
     words = variable.attrs.get("label") or NAMES.get(name, name)
-    words += f" minus that of {minus}" if minus else ""
+    if minus:
+        return f"{words}{f' in {unit}' if unit != '1' else ''} minus that of {minus}"
     return f"{words}{f', {unit}' if unit != '1' else ''}"

@@ -293,7 +293,7 @@ def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
     succeeds("plot", "out", "--at", "assumed=ruler", "--out", "ruler.csv")
     succeeds("plot", "out", "--at", "ruler=0,1", "--reference", "assumed=true", "--out", "loss.tex")
     table = Path("loss.tex").read_text("utf-8")
-    assert "minus that of assumed = true, dB" in table and r"95 \%" in table
+    assert "PSNR in dB minus that of assumed = true:" in table and r"95 \%" in table
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         psnr = results.psnr.squeeze().sel(ruler=[0, 1])
         known, found = psnr.sel(assumed="true"), psnr.sel(assumed="calibrated")

@@ -68,10 +68,11 @@ def test_panels_a_hundred_times_apart_show_their_lines(tmp_path, saved):
 
 def test_any_axis_is_drawn_over_and_what_is_held_is_said(tmp_path, saved):
     metric = "mean_squared_error"
-    draw_sweep(tmp_path / "a.pdf", results(), metric=metric, over="hidden", panels="background")
+    given = results().assign_coords(sbr=[0.1, 0.316228, 10])
+    draw_sweep(tmp_path / "a.pdf", given, metric=metric, over="hidden", panels="background")
     assert [ax.axison for ax in saved[0].axes] == 5 * [True] + [False]
     assert [tick.get_text() for tick in saved[0].axes[0].get_xticklabels()] == SIZES
-    assert "SBR = 1 (one of 3)" in saved[0].get_supxlabel().replace("\n", " ")
+    assert "SBR = 0.316228 (one of 3)" in saved[0].get_supxlabel().replace("\n", " ")
     with pytest.raises(PeriscopyError, match="sbr"):
         draw_sweep(tmp_path / "b.png", results(), metric=metric, over="sbrr")
     with pytest.raises(PeriscopyError, match="mean_squared_error"):
