@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Unfitted:
-    """A method that could not be fitted: each of its results fails with the error."""
+    """A method that could not be fitted: each of its results fails for this reason."""
 
-    error: PeriscopyError
+    why: str  # no error, whose frames hold matrices
 
     def fitted_to(self, photograph: Photograph) -> Self:
         """Return this."""
@@ -51,9 +51,9 @@ class Unfitted:
         return self
 
     def reconstruct(self, photograph: Image) -> Any:
-        """Raise the error."""
+        """Raise a PeriscopyError."""
         del photograph
-        raise self.error
+        raise PeriscopyError(self.why)
 
 
 @dataclass(frozen=True, eq=False)
@@ -403,20 +403,20 @@ def run_sweep(
     folder, worlds, axes = places.place(folder), sweep.world, sweep.axes
     store = _store(sweep, folder)
     missing, count = store.missing(), math.prod(map(len, axes.values()))
-    done, failed = count - len(missing), list[tuple[Values, PeriscopyError]]()
+    done, failed = count - len(missing), list[tuple[Values, str]]()
     if planned is not None:
         planned(missing)
     for (*values, snr), cells in _by([*sweep.vary, "snr"], missing).items():
         at = dict(zip(sweep.vary, values, strict=True))
         try:
             methods = (world := worlds(snr, **at)).methods
-            errors = {n: each.error for n, each in methods.items() if isinstance(each, Unfitted)}
+            unfit = {n: each.why for n, each in methods.items() if isinstance(each, Unfitted)}
         except SceneError as error:
-            errors = dict.fromkeys(axes["algorithm"], error)
-        failed += [(c, errors[c["algorithm"]]) for c in cells if c["algorithm"] in errors]
+            unfit = dict.fromkeys(axes["algorithm"], str(error))
+        failed += [(c, unfit[c["algorithm"]]) for c in cells if c["algorithm"] in unfit]
         if len(failed) == count:
-            raise failed[0][1]
-        fitted = [cell for cell in cells if cell["algorithm"] not in errors]
+            raise PeriscopyError(failed[0][1])
+        fitted = [cell for cell in cells if cell["algorithm"] not in unfit]
         done += len(cells) - len(fitted)
         if not fitted:
             continue
@@ -430,7 +430,7 @@ def run_sweep(
                 if progress is not None:
                     progress(done / count)
     for cell, why in failed:
-        store.write(cell, {"failure": f"{type(why).__name__}: {why}"})
+        store.write(cell, {"failure": why})
     results = store.load()
     surfaces = named("", worlds.hidden)
     metrics = [*(f"{name}{of}" for of in surfaces for name in METRICS), *worlds.measures]

@@ -23,7 +23,7 @@ from periscopy_sim.judgement import check_memory
 from periscopy_sim.light import Light
 from periscopy_sim.measurement import ambient_target, noise_to_signal
 from periscopy_sim.memo import Memo
-from periscopy_sim.methods import Name, entry_of
+from periscopy_sim.methods import Name, entry_of, without_addresses
 from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.photograph import Photograph, seen_in
@@ -447,7 +447,7 @@ def _fit(
     try:
         return scenario.method(method, wall, noise=noise, errors=errors, **settings)
     except PeriscopyError as error:
-        return Unfitted(error)
+        return Unfitted(without_addresses(str(error)))
 
 
 def _seed_of(scenario: Scenario, name: str) -> int:

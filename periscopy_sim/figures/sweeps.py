@@ -335,9 +335,8 @@ def _draw(
         mean, half = (of_method[each].values.reshape(len(values)) for each in ("mean", "half"))
         low, high = (np.clip(each, *limits or (None, None)) for each in (mean - half, mean + half))
         look = {"marker": marker, "ms": 2.8, "color": colour, "label": name}
-        # Between two words lies nothing.
         x = places + 0.5 * (k - (len(names) - 1) / 2) / len(names) * is_text
-        if is_text:
+        if is_text:  # nothing lies between two words
             ax.errorbar(x, mean, (mean - low, high - mean), ls="", capsize=2, lw=1, **look)
         else:
             ax.plot(x, mean, ls=dashes, **look)
