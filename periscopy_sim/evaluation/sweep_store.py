@@ -168,9 +168,14 @@ class SweepStore:
         wanted = product(*self._wanted.values())
         cells = [dict(zip(self._wanted, values, strict=True)) for values in wanted]
         blocks, records = [*map(self._block, cells)], self._store.records
-        failed = answers(self.path, lambda block: records.keeps(block, "failure"), blocks)
-        checked = zip(cells, records.verified(blocks), failed, strict=True)
-        return [cell for cell, (_, is_whole), has_failed in checked if has_failed or not is_whole]
+        read = answers(self.path, records.read, blocks)
+        return [  # an empty reason has no file
+            cell
+            for cell, (_, is_whole), record in zip(
+                cells, records.verified(blocks), read, strict=True
+            )
+            if not is_whole or "failure" in record.get("crc32c", ())
+        ]
 
     def write(self, cell: Values, outcome: Values) -> None:
         """Write a method's variables in a cell, and record that it is complete."""

@@ -133,10 +133,6 @@ class Records:
         blocks = self.blocks()
         return blocks if not blocks or self.has(blocks[-1]) else blocks[:-1]
 
-    def keeps(self, block: Block, name: str) -> bool:
-        """Return whether a block has a file of a variable: values that are not all the fill."""
-        return name in self.read(block).get("crc32c", ())
-
     def verify(self, block: Block) -> bool:
         """Return whether a block has a record, and each of its files is what that says."""
         if not (record := self.read(block)):
