@@ -133,9 +133,12 @@ def test_blocks_that_are_not_run_only_call_make():
 
 
 def test_commands_are_those_of_the_command_line(tmp_path, monkeypatch):
-    """Without running them: every command and option is known, and its value of the right type."""
+    """Without running them: every command and option is known, and its value of the right type.
+
+    No two pages resume one folder.
+    """
     monkeypatch.chdir(tmp_path)
-    command = typer.main.get_command(app)
+    command, folders = typer.main.get_command(app), list[str]()
     for block in (each for each in BLOCKS if each.language == "sh"):
         seen = 0
         for words in commands_of(block):
@@ -154,7 +157,10 @@ def test_commands_are_those_of_the_command_line(tmp_path, monkeypatch):
             with suppress(typer.Exit):  # of what is printed at once, as an example
                 group.make_context(name, list(rest), parent=context)
             seen += 1
+            if name in ("sweep", "design") and "--out" in arguments:
+                folders.append(arguments[arguments.index("--out") + 1])
         assert seen
+    assert len({*folders}) == len(folders)
 
 
 LINKED = {

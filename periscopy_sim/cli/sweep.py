@@ -3,6 +3,7 @@
 A study file has the options of a sweep as YAML, where they are too long for a line.
 """
 
+import math
 import re
 import sys
 from collections import defaultdict
@@ -205,7 +206,9 @@ def sweep(
     times = [[name, f"{median:.2g} s"] for name, median in medians.items()]
     output.show_table(times, ["method", "median time of a core for a photograph"])
     computed = sum(map(len, seconds.values()))
-    output.say(f"computed {computed} of {results['failure'].size} results")
+    failed = int((results["failure"] != "").sum())
+    again = f"; the same command tries the {failed} again that failed" * bool(failed)
+    output.say(f"computed {computed} of {results['failure'].size} results{again}")
     output.record(seconds=medians, computed=computed, results=results["failure"].size)
     output.written(*(out / name for name in ("sweep.zarr", "sweep.csv", "sweep.png")))
 
@@ -256,17 +259,24 @@ def _show_means(results: "xr.Dataset") -> None:
 
     kept = [axis for axis in ("algorithm", KNOWN) if axis in results.dims]
     surfaces, shown = sweeps.surfaces_of(results, "psnr"), list[list[str]]()
+    over = [axis for axis in results["failure"].dims if axis not in (*kept, "sbr")]
+
+    def by_ratio(values: "xr.DataArray") -> Any:
+        table = values.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
+        return table.rename(columns="{:g}".format)
+
+    failed = by_ratio((results["failure"] != "").sum(over))
+    size = math.prod(results.sizes[axis] for axis in over)
+    marks = failed.map(lambda count: f" ({size - count} of {size})" * bool(count))
     for surface in surfaces:
-        psnr = results[surface]  # without failures
-        means = psnr.mean([axis for axis in psnr.dims if axis not in (*kept, "sbr")])
-        table = means.transpose(*kept, "sbr").to_series().unstack("sbr", sort=False)
-        table = table.rename(columns="{:g}".format)
+        table = by_ratio(results[surface].mean(over))  # without failures
         values = table.astype(object).where(np.isfinite(table), None).reset_index()
         output.record(**{surface: values.to_dict("records")})
-        cells = table.map("{:.1f} dB".format).where(table.notna(), "failed").reset_index()
+        texts = table.map("{:.1f} dB".format) + marks
+        cells = texts.where(table.notna(), "failed").reset_index()
         title = surface.replace("psnr", "mean PSNR").replace("_", " of ", 1)
         lights = [
-            "no ambient light" if r == "inf" else f"SBR {float(r):.3g}" for r in table.columns
+            "no ambient light" if ratio == "inf" else f"SBR {ratio}" for ratio in table.columns
         ]
         header = [title, *kept[1:], *lights]
         output.show_table(cells.astype(str).values.tolist(), header)
@@ -292,9 +302,9 @@ def _show_means(results: "xr.Dataset") -> None:
             output.say(f"{trusted.sum().item():g} of {count} calibrations are trusted")
     for name in names:
         messages = results["failure"].sel({"algorithm": name}).values.ravel()
-        failed = messages[messages != ""]
-        if failed.size:
-            output.say(f"{name} failed on {failed.size} of {messages.size}, first: {failed[0]}")
+        reasons = messages[messages != ""]
+        if reasons.size:
+            output.say(f"{name} failed on {reasons.size} of {messages.size}, first: {reasons[0]}")
 
 
 def parse_values(text: str, flag: str) -> list[Any]:
@@ -367,11 +377,16 @@ def plot(
     store = attributes_of(folder / "sweep.zarr")
     if "axes" not in store:
         raise ps.PeriscopyError(f"{folder}: holds no sweep; name a folder of 'periscopy sweep'")
-    asked = {name: values for name, values in store.get("asked", {}).items() if name not in texts}
+    last: dict[str, list[Any]] = store.get("asked", {})
+    asked = {name: values for name, values in last.items() if name not in texts}
     if reference and axis in asked:
         kept = [*asked[axis], *(v for v in store["axes"][axis] if v in (value, number_of(value)))]
         asked[axis] = [*dict.fromkeys(kept)]
-    results = _complete(_held(read_sweep(folder / "sweep.zarr", asked), texts))
+    results = _held(read_sweep(folder / "sweep.zarr", asked), texts)
+    if any(_begun(results)[held].size < results.sizes[held] for held in texts):
+        asked = {}  # an earlier sweep gave these values, with other ones of other axes
+        results = _held(read_sweep(folder / "sweep.zarr"), texts)
+    results = _complete(results, last)
     if others := [each for each in asked if len(asked[each]) < len(store["axes"][each])]:
         output.say(
             f"as the last sweep asked; {folder} holds more values of {', '.join(others)}, which "
@@ -411,20 +426,34 @@ def _held(results: "xr.Dataset", at: Mapping[str, Sequence[str]]) -> "xr.Dataset
     return results.assign_attrs(held=[*at])
 
 
-def _complete(results: "xr.Dataset") -> "xr.Dataset":
-    """Return results without values that no run has got to; a PeriscopyError if others lack."""
+def _lacking(results: "xr.Dataset") -> "xr.DataArray":
+    """Return which results are missing."""
     metric = next(str(n) for n in results.data_vars if str(n).startswith("mean_squared_error"))
-    lacks = results[metric].isnull() & (results["failure"] == "")
-    begun = {
-        axis: results[axis].values[~lacks.all([each for each in lacks.dims if each != axis])]
+    return results[metric].isnull() & (results["failure"] == "")
+
+
+def _begun(results: "xr.Dataset") -> dict[str, Any]:
+    """Return the values of each axis that have results."""
+    lacks = _lacking(results)
+    return {
+        str(axis): results[axis].values[~lacks.all([each for each in lacks.dims if each != axis])]
         for axis in lacks.dims
     }
+
+
+def _complete(results: "xr.Dataset", asked: Mapping[str, Sequence[Any]]) -> "xr.Dataset":
+    """Return results without values that no run has got to; a PeriscopyError if others lack.
+
+    A line counts those that the last sweep asked for.
+    """
+    lacks = _lacking(results)
     if lacks.all():
         raise ps.PeriscopyError("the sweep has no result yet; run it again, it goes on")
-    if left := int(lacks.sum()):
-        output.say(f"{left} of {lacks.size} results are missing: run the same 'periscopy sweep'")
-    results, lacks = results.sel(begun), lacks.sel(begun)
-    if left := int(lacks.sum()):
+    last = lacks.sel({n: [v for v in lacks[n].values if v in of] for n, of in asked.items()})
+    if left := int(last.sum()):
+        output.say(f"{left} of {last.size} results are missing: run the same 'periscopy sweep'")
+    results = results.sel(_begun(results))
+    if left := int((lacks := _lacking(results)).sum()):
         raise ps.PeriscopyError(
             f"{left} of {lacks.size} results are missing; run the same 'periscopy sweep' "
             "again, which goes on, or hold some values by --at"

@@ -81,7 +81,9 @@ def counted(parts: "Iterable[xr.Dataset]") -> str:
     texts = {words: sorted(each - {0}) or [0] for words, each in numbers.items()}
     return (
         ", ".join(
-            f"{low} {words}" if low == high else f"{low} to {high} {words}"
+            f"{low} {words[: -1 if high == 1 else None]}"
+            if low == high
+            else f"{low} to {high} {words}"
             for words, (low, *_, high) in ((w, (n[0], *n)) for w, n in texts.items())
         )
         or "1"

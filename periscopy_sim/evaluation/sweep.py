@@ -39,6 +39,23 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+@dataclass(frozen=True)
+class Unfitted:
+    """A method that could not be fitted: each of its results fails for this reason."""
+
+    why: str  # no error, whose frames hold matrices
+
+    def fitted_to(self, photograph: Photograph) -> Self:
+        """Return this."""
+        del photograph
+        return self
+
+    def reconstruct(self, photograph: Image) -> Any:
+        """Raise a PeriscopyError."""
+        del photograph
+        raise PeriscopyError(self.why)
+
+
 @dataclass(frozen=True, eq=False)
 class World:
     """A laboratory whose photographs methods reconstruct.
@@ -347,9 +364,9 @@ def run_sweep(
 ) -> "xr.Dataset":
     """Reconstruct every measurement by every method; resume where an earlier run stopped.
 
-    A method that raises, or returns another shape or values that are not finite, fails alone; so do
-    values of `Sweep.vary` of which there is no scene, or to which a method cannot be fitted, unless
-    all fail.
+    A method that cannot be fitted, raises, or returns another shape or values that are not finite
+    fails alone; so do values of `Sweep.vary` of which there is no scene. If nothing can be fitted
+    the error is raised.
 
     Parameters
     ----------
@@ -392,15 +409,18 @@ def run_sweep(
     for (*values, snr), cells in _by([*sweep.vary, "snr"], missing).items():
         at = dict(zip(sweep.vary, values, strict=True))
         try:
-            world = worlds(snr, **at)
-        except PeriscopyError as error:
-            is_of_values = isinstance(error, SceneError) or isinstance(error.__cause__, InputError)
-            failed += [(cell, str(error)) for cell in cells]
-            if not (at and is_of_values) or len(failed) == count:
-                raise
-            done += len(cells)
+            methods = (world := worlds(snr, **at)).methods
+            unfit = {n: each.why for n, each in methods.items() if isinstance(each, Unfitted)}
+        except SceneError as error:
+            unfit = dict.fromkeys(axes["algorithm"], str(error))
+        failed += [(c, unfit[c["algorithm"]]) for c in cells if c["algorithm"] in unfit]
+        if len(failed) == count:
+            raise PeriscopyError(failed[0][1])
+        fitted = [cell for cell in cells if cell["algorithm"] not in unfit]
+        done += len(cells) - len(fitted)
+        if not fitted:
             continue
-        with closing(_outcomes(sweep, world, at, cells, scheduler)) as found:
+        with closing(_outcomes(sweep, world, at, fitted, scheduler)) as found:
             for cell, outcome in found:
                 seconds = outcome.pop("seconds", None)
                 if timed is not None and seconds is not None:

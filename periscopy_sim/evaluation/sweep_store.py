@@ -13,7 +13,7 @@ from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.evaluation.metrics import METRICS
 from periscopy_sim.numerics import machine, validation
 from periscopy_sim.storage.outputs import out_of_space_reported
-from periscopy_sim.storage.places import address, names_in
+from periscopy_sim.storage.places import address, answers, names_in
 from periscopy_sim.storage.store import MAKING, Block, BlockStore, Label, StoreLayout, attributes_of
 
 if TYPE_CHECKING:
@@ -164,11 +164,18 @@ class SweepStore:
         }  # fmt: skip
 
     def missing(self) -> list[dict[str, Any]]:
-        """Return the cells of the sweep that are not complete yet."""
+        """Return the cells of the sweep that are not complete yet, or failed."""
         wanted = product(*self._wanted.values())
         cells = [dict(zip(self._wanted, values, strict=True)) for values in wanted]
-        verified = self._store.records.verified(map(self._block, cells))
-        return [cell for cell, (_, is_whole) in zip(cells, verified, strict=True) if not is_whole]
+        blocks, records = [*map(self._block, cells)], self._store.records
+        read = answers(self.path, records.read, blocks)
+        return [  # an empty reason has no file
+            cell
+            for cell, (_, is_whole), record in zip(
+                cells, records.verified(blocks), read, strict=True
+            )
+            if not is_whole or "failure" in record.get("crc32c", ())
+        ]
 
     def write(self, cell: Values, outcome: Values) -> None:
         """Write a method's variables in a cell, and record that it is complete."""

@@ -17,13 +17,13 @@ import numpy as np
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
-from periscopy_sim.evaluation.sweep import World, flipped_names, flips
+from periscopy_sim.evaluation.sweep import Unfitted, World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
 from periscopy_sim.light import Light
 from periscopy_sim.measurement import ambient_target, noise_to_signal
 from periscopy_sim.memo import Memo
-from periscopy_sim.methods import Name, entry_of
+from periscopy_sim.methods import Name, entry_of, without_addresses
 from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.photograph import Photograph, seen_in
@@ -214,7 +214,7 @@ class Worlds:
             truths={name: true.image(names) for name, names in self.shown.items()},
             backgrounds=backgrounds,
             methods=fitted,
-            transport={} if calibrates else {n: each.plan.origin for n, each in fitted.items()},
+            transport={n: each.plan.origin for n, each in fitted.items() if hasattr(each, "plan")},
             draw=int(values.get(DRAW, 0)),
             measures=self.measures,
         )
@@ -443,11 +443,11 @@ def _fit(
     settings: Mapping[str, float],
     scenario: Scenario,
 ) -> "Method":
-    """Fit a method to a scene, of which some errors are known."""
+    """Fit a method to a scene, of which some errors are known; `Unfitted` if that fails."""
     try:
         return scenario.method(method, wall, noise=noise, errors=errors, **settings)
-    except validation.InputError as error:
-        raise PeriscopyError(f"scene '{scenario.path}': {error}") from error
+    except PeriscopyError as error:
+        return Unfitted(without_addresses(str(error)))
 
 
 def _seed_of(scenario: Scenario, name: str) -> int:

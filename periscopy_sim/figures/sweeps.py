@@ -1,5 +1,6 @@
 """Sweeps as figures: a metric of each method over one axis, in small multiples over another."""
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
@@ -50,7 +51,7 @@ def draw_sweep(
     path
         A PNG, PDF or SVG file.
     results
-        From `run_sweep`. Axes that are neither drawn nor of samples stay at their first value,
+        From `run_sweep`. Axes that are neither drawn nor of samples stay at their middle value,
         which the figure says.
     metric
         A variable of the results; of several surfaces each has a panel.
@@ -85,7 +86,10 @@ def draw_sweep(
     if results[over].dtype.kind in "fiu":
         results = results.sortby(over)
     results = _in_millimetres(results)
-    fixed = {axis: results[axis].values[0] for axis in free if axis not in (over, panels)}
+    fixed = {
+        axis: results[axis].values[(results.sizes[axis] - 1) // 2]
+        for axis in free if axis not in (over, panels)
+    }  # fmt: skip
     parts = [
         (title, interval(part[surface].sel(fixed), [over, panels], part["failure"].sel(fixed)))
         for surface in surfaces
@@ -98,23 +102,29 @@ def draw_sweep(
     if not any(means["mean"].notnull().any() for _, means in parts):
         why = next(filter(None, results["failure"].values.ravel().tolist()), "no value")
         raise PeriscopyError(f"nothing to draw, all failed: {why}")
-    held = f"; panels: {panels}" if _is_long(panels) else ""
+    some = any(((part["failed"] > 0) & part["mean"].notnull()).any() for _, part in parts)
+    held = "; open markers: means of the rest" * some
+    held += f"; panels: {panels}" if _is_long(panels) else ""
     caption = _caption([means for _, means in parts]) + held + _held(results, fixed, [over, panels])
     room, methods = 0.7 * width / columns, results.attrs.get("algorithms", [])
+    least = min(float(means["mean"].min()) for _, means in parts)
+    lowest = min(float((means["mean"] - means["half"].fillna(0)).min()) for _, means in parts)
+    is_log = metric == "mean_squared_error" and least > 0
+    # Of an interval, which may hold 0.
+    bottom = max(least / 3, 0.8 * lowest) if is_log else -np.inf
+    if lowest < bottom:
+        caption += "; triangles: intervals that reach lower"
     with drawn(path, metadata if path.suffix == ".png" else None, caption) as figure:
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
         for ax in grid.flat[len(parts) :]:
             ax.axis("off")
         for ax, letter, (title, means) in zip(grid.flat, ascii_lowercase, parts, strict=False):
-            _draw(ax, means, over, methods or means["algorithm"].values.tolist(), room)
+            _draw(ax, means, over, methods or means["algorithm"].values.tolist(), room, bottom)
             if len(parts) > 1:
                 ax.set_title(f"{letter}  {title}", loc="left")
-        least = min(float(means["mean"].min()) for _, means in parts)
-        if metric == "mean_squared_error" and least > 0:
+        if is_log:
             grid[0, 0].set_yscale("log")
-            # Of an interval, which may hold 0.
-            lowest = min(ax.dataLim.y0 for ax in grid.flat[: len(parts)])
-            grid[0, 0].set_ylim(bottom=max(least / 3, 0.8 * lowest))
+            grid[0, 0].set_ylim(bottom=bottom)
             plain_ticks(grid[0, 0].yaxis)
         else:
             grid[0, 0].yaxis.set_major_locator(mpl.ticker.MaxNLocator(5, min_n_ticks=4))
@@ -163,18 +173,22 @@ def table_of(results: "xr.Dataset", metric: str) -> Any:
 def latex_of(results: "xr.Dataset", metric: str, label: str) -> str:
     """Return a LaTeX table, a column for each method: means with 95 % confidence intervals.
 
-    The table has a label, and needs the package booktabs.
+    A mean without some results that failed says of how many it is. The table has a label, and needs
+    the package booktabs.
     """
-    from periscopy_sim.evaluation.statistics import LEVEL, interval
+    from periscopy_sim.evaluation.statistics import LEVEL, UNITS, interval
 
     surfaces, results = surfaces_of(results, metric), _in_millimetres(results)
     table, half = table_of(results, metric), f"half_{100 * LEVEL:g}"
+    units = [axis for axis in UNITS if axis in results["failure"].dims]
+    size = math.prod(results.sizes[axis] for axis in units)
     middle = table[half].median()
     digits = 3 if np.isnan(middle) else int(np.clip(1 - np.floor(np.log10(middle or 1)), 0, 9))
 
     def text(row: Any) -> str:
         within = "" if np.isnan(row[half]) else f" \\pm {row[half]:.{digits}f}"
-        return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}$"
+        mark = f" ({size - row['failed']} of {size})" * bool(row["failed"])
+        return "failed" if np.isnan(row["mean"]) else f"${row['mean']:.{digits}f}{within}${mark}"
 
     axes = [*table.columns[: table.columns.get_loc("metric")]]
     cells = table.assign(text=[text(row) for _, row in table.iterrows()])
@@ -244,6 +258,7 @@ def _held(results: "xr.Dataset", fixed: Mapping[str, Any], shown: Sequence[str])
     values = {**{axis: results[axis].values for axis in held}, **fixed}
     return "".join(
         f"; {', '.join(_said(results[a], a, value) for value in np.ravel(each).tolist())}"
+        + f" (one of {results.sizes[a]})" * (a in fixed)
         for a, each in values.items()
     )
 
@@ -287,14 +302,17 @@ def _said(axis: "xr.DataArray", name: str, value: Any) -> str:
     """Return an axis and its value in words."""
     unit = axis.attrs.get("units", "1").replace("1", "")
     is_number = isinstance(value, int | float | np.number)
-    text = f"{value:.4g} {unit}".strip() if is_number else str(value)
+    text = f"{value:g} {unit}".strip() if is_number else str(value)
     return f"{axis.attrs.get('label') or SHORT.get(name, name)} = {text}"
 
 
-def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room: float) -> None:
+def _draw(
+    ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room: float, bottom: float
+) -> None:
     """Draw each method's mean and interval over the values of an axis, where there are some.
 
-    A method looks as its place among all of them says. The panel is `room` inches wide.
+    A method looks as its place among all of them says. The panel is `room` inches wide. An interval
+    that reaches below the bottom ends there in a triangle.
     """
     all_looks = zip(cycle(OKABE_ITO), cycle(MARKERS), cycle(DASHES), strict=False)
     looks = dict(zip(methods, all_looks, strict=False))
@@ -317,13 +335,23 @@ def _draw(ax: Any, means: "xr.Dataset", over: str, methods: Sequence[str], room:
         mean, half = (of_method[each].values.reshape(len(values)) for each in ("mean", "half"))
         low, high = (np.clip(each, *limits or (None, None)) for each in (mean - half, mean + half))
         look = {"marker": marker, "ms": 2.8, "color": colour, "label": name}
+        x = places + 0.5 * (k - (len(names) - 1) / 2) / len(names) * is_text
         if is_text:  # nothing lies between two words
-            beside = places + 0.5 * (k - (len(names) - 1) / 2) / len(names)
-            ax.errorbar(beside, mean, (mean - low, high - mean), ls="", capsize=2, lw=1, **look)
-            continue
-        ax.plot(places, mean, ls=dashes, **look)
-        # The edge keeps the band of a single value in sight.
-        ax.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0.8)
+            ax.errorbar(x, mean, (mean - low, high - mean), ls="", capsize=2, lw=1, **look)
+        else:
+            ax.plot(x, mean, ls=dashes, **look)
+            # The edge keeps the band of a single value in sight.
+            within = np.maximum(low, bottom), high
+            ax.fill_between(x, *within, color=colour, alpha=0.18, linewidth=0.8)
+        look |= {"ls": "", "zorder": 3, "label": ""}
+        some = np.isfinite(mean) & (of_method["failed"].values.ravel() > 0)
+        if some.any():
+            ax.plot(x[some], mean[some], mfc="white", **look)
+        if (cut := low < bottom).any():
+            ends = np.full(cut.sum(), bottom)
+            ax.plot(
+                x[cut], ends, clip_on=False, **look | {"marker": mpl.markers.CARETDOWN, "ms": 5}
+            )
     if is_text:
         is_wide = sum(map(len, values)) + 2 * len(values) > LETTERS * room
         ax.set_xticks(places, values, rotation=50 * is_wide, ha="right" if is_wide else "center")
@@ -360,5 +388,6 @@ def words_of(variable: "xr.DataArray", name: str) -> str:
     """Return a metric or an axis in words, with its unit."""
     unit, minus = variable.attrs.get("units", "1"), variable.attrs.get("minus", "")
     words = variable.attrs.get("label") or NAMES.get(name, name)
-    words += f" minus that of {minus}" if minus else ""
+    if minus:
+        return f"{words}{f' in {unit}' if unit != '1' else ''} minus that of {minus}"
     return f"{words}{f', {unit}' if unit != '1' else ''}"

@@ -16,6 +16,7 @@ from PIL import Image
 import periscopy_sim as ps
 from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.evaluation.sweep import World
+from periscopy_sim.evaluation.sweep_store import read_sweep
 from periscopy_sim.rendering import transport as planning
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.storage.rasters import read_exr, write_exr
@@ -204,6 +205,12 @@ def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(su
     assert "algorithm, sbr" in said and rows() == 2
     assert rows("--at", "sbr=0.5,50") == 2 and rows("--at", "algorithm=truncated-svd") == 2
     assert rows("--reference", "truncated-svd") == 2
+    dark = command(ambient="none", methods="preconditioned")
+    succeeds(*(each for each in dark if each not in ("--sbr", "0.5,5")))
+    succeeds(*command(sbr="0.5,5", methods="preconditioned"))
+    for at in ("background=none", "sbr=inf"):
+        assert "missing" not in succeeds("plot", "out", "--at", at, "--out", "t.csv")
+        assert rows("--at", at) == 1
     for chunks in Path("out/sweep.zarr").glob("*/c"):
         if chunks.parent.name in ("mean_squared_error", "failure"):
             shutil.rmtree(chunks)  # as before the first result
@@ -286,7 +293,7 @@ def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
     succeeds("plot", "out", "--at", "assumed=ruler", "--out", "ruler.csv")
     succeeds("plot", "out", "--at", "ruler=0,1", "--reference", "assumed=true", "--out", "loss.tex")
     table = Path("loss.tex").read_text("utf-8")
-    assert "minus that of assumed = true, dB" in table and r"95 \%" in table
+    assert "PSNR in dB minus that of assumed = true:" in table and r"95 \%" in table
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         psnr = results.psnr.squeeze().sel(ruler=[0, 1])
         known, found = psnr.sel(assumed="true"), psnr.sel(assumed="calibrated")
@@ -421,10 +428,15 @@ def test_method_that_cannot_be_fitted_is_named_and_can_be_corrected(periscopy, s
     assert outcome.code == 2 and "'mine.py:Unfit'" in outcome.err
     outcome = periscopy(*command(methods="preconditioned", samples="4", out="grain"))
     assert outcome.code == 2 and "rank" in outcome.err
-    succeeds(*command(methods="mine.py:Mine", sbr="2", snr=50, ambient="lamp.exr"))
+    given = {"sbr": "2", "snr": 50, "ambient": "lamp.exr"}
+    shown = succeeds(*command(methods="mine.py:Unfit,mine.py:Mine", **given))
+    assert "mine.py:Unfit failed on 1 of 1" in shown and "KeyError: 'no'" in shown
+    results = read_sweep(Path("out/sweep.zarr")).squeeze()
+    assert results["psnr"].isnull().values.tolist() == [True, False]
 
 
 def test_files_of_unknown_origin_are_not_taken_up(refused, folder):
     (folder / "out").mkdir()
     (folder / "out" / "sweep.csv").write_text("old")
-    assert "sweep.csv" in refused(*command())
+    assert refused(*command()).startswith("out ")
+    assert (folder / "out" / "sweep.csv").read_text() == "old"

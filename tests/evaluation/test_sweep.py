@@ -210,6 +210,13 @@ def test_method_that_fails_fails_alone(tmp_path):
     assert set(first["failure"].values.flat) == {""}
     table = (tmp_path / "sweep.csv").read_text()
     assert f"moody,p,left,0.001,40.0,0,{'nan,' * 7}{raised}" in table
+    again = []
+    mended = sweep_of(
+        methods={"moody": Linear(1), "first": Moody()}, backgrounds=lights, sbrs=[1e-3]
+    )
+    results = run_sweep(mended, tmp_path, planned=again.extend)
+    assert {cell["algorithm"] for cell in again} == {"moody"} and not results["failure"].any()
+    assert np.array_equal(results["psnr"][0], results["psnr"][1])
 
 
 class Worlds:

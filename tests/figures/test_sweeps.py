@@ -3,6 +3,7 @@ from string import ascii_lowercase
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.markers import CARETDOWN
 from scipy import stats
 
 from periscopy_sim.errors import PeriscopyError
@@ -67,21 +68,29 @@ def test_panels_a_hundred_times_apart_show_their_lines(tmp_path, saved):
 
 def test_any_axis_is_drawn_over_and_what_is_held_is_said(tmp_path, saved):
     metric = "mean_squared_error"
-    draw_sweep(tmp_path / "a.pdf", results(), metric=metric, over="hidden", panels="background")
+    given = results().assign_coords(sbr=[0.1, 0.316228, 10])
+    draw_sweep(tmp_path / "a.pdf", given, metric=metric, over="hidden", panels="background")
     assert [ax.axison for ax in saved[0].axes] == 5 * [True] + [False]
     assert [tick.get_text() for tick in saved[0].axes[0].get_xticklabels()] == SIZES
-    assert "SBR = 0.1" in saved[0].get_supxlabel()
+    assert "SBR = 0.316228 (one of 3)" in saved[0].get_supxlabel().replace("\n", " ")
     with pytest.raises(PeriscopyError, match="sbr"):
         draw_sweep(tmp_path / "b.png", results(), metric=metric, over="sbrr")
     with pytest.raises(PeriscopyError, match="mean_squared_error"):
         draw_sweep(tmp_path / "b.png", results(), metric="mean_error")
 
 
-def test_captions_name_what_is_held_and_which_method_failed(tmp_path):
+def test_captions_name_what_is_held_and_which_method_failed(tmp_path, saved):
     given = results().isel(hidden=[0]).assign_attrs(held=["hidden"])
+    given["failure"][0, 0, 0, :3, 0] = "lost"
+    given["mean_squared_error"] = given["mean_squared_error"].where(given["failure"] == "")
     caption = draw_sweep(tmp_path / "a.png", given, metric="mean_squared_error")
     assert f"hidden = {SIZES[0]}" in caption and "10 of second failed" in caption
-    assert f"hidden = {SIZES[0]}" in latex_of(given, "mean_squared_error", "tab:a")
+    (marked,) = (line for line in saved[0].axes[0].lines if line.get_mfc() == "white")
+    (cut,) = (line for line in saved[0].axes[0].lines if line.get_marker() == CARETDOWN)
+    assert marked.get_xdata().tolist() == cut.get_xdata().tolist() == [0.1]
+    assert cut.get_ydata() == pytest.approx(saved[0].axes[0].get_ylim()[0])
+    latex = latex_of(given, "mean_squared_error", "tab:a")
+    assert f"hidden = {SIZES[0]}" in latex and latex.count(" (4 of 10)") == 1
 
 
 def test_labels_take_the_place_of_names(tmp_path, saved):
