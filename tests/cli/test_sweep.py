@@ -336,7 +336,8 @@ def test_bad_input_is_one_line(refused):
         ({"study": "nothing.yaml"}, "nothing.yaml"),
         ({"ambient": "none"}, "--ambient none"),
         ({"ambient": "none,left.exr"}, "none alone"),
-        ({"snr": "loud"}, "--snr loud"),
+        ({"snr": "40,loud"}, "--snr loud"),
+        ({"vary": "snr=0,.nan"}, "--vary snr=.nan"),
         ({"seeds": "many"}, "'--seeds': write a whole number"),
     ]:
         assert offender in refused(*command(**changes))
