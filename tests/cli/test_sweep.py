@@ -338,7 +338,7 @@ def test_bad_input_is_one_line(refused):
         ({"ambient": "none,left.exr"}, "none alone"),
         ({"snr": "40,loud"}, "--snr loud"),
         ({"vary": "snr=0,.nan"}, "--vary snr=.nan"),
-        ({"seeds": "many"}, "'--seeds': write a whole number"),
+        ({"seeds": "many"}, "'--seeds': write a whole number. Try 'periscopy"),
     ]:
         assert offender in refused(*command(**changes))
 
