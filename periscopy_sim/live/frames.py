@@ -244,7 +244,7 @@ def _frames_of(
             yield error
             continue
         if is_first and frame.table is not None:
-            curve = "decoded by the sRGB curve; for linear light pass --linear (linear=True)"
+            curve = "decoded by the sRGB curve; if the camera sends linear light, pass `linear`"
             how = "taken as linear light" if linear else curve
             say(f"{8 * frame.values.dtype.itemsize}-bit frames, {how}")
         is_saturated = not is_first or frame.light.saturated.any()

@@ -47,7 +47,9 @@ def read_photograph(
         If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
     picture, warnings = _linear_light(path)
-    return Photograph.of(picture.values, shape, str(path), mask=mask, warnings=tuple(warnings))
+    values = picture.values
+    values = values.astype(float) if values.dtype == np.uint8 else values  # known to be linear
+    return Photograph.of(values, shape, str(path), mask=mask, warnings=tuple(warnings))
 
 
 def read_sensor_image(
