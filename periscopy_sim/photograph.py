@@ -166,7 +166,7 @@ class Photograph:
         mask = None if mask is None else np.array(mask)
         light = _checked(values, shape, name, mask)
         if getattr(values, "dtype", None) == np.uint8:
-            warnings = (*warnings, f"{name} is of {CODES}")
+            warnings = (*warnings, f"{name}: {CODES}")
         if np.mean(light[... if mask is None else mask] < 0) > 0.5:
             warnings = (*warnings, f"{name}: most values are negative; check the dark frame")
         off = {} if monitor_off is None else monitor_off
