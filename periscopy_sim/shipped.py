@@ -3,13 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from periscopy_sim.errors import (
-    PeriscopyError,
-    PhotographError,
-    SceneError,
-    did_you_mean,
-    path_fault,
-)
+from periscopy_sim import errors
 from periscopy_sim.numerics.validation import is_name
 
 REALISTIC = (
@@ -34,7 +28,7 @@ def scenes_folder() -> Path:
     for folder in (package / "scenes", package.parent / "scenes"):
         if (folder / "chair.xml").is_file():
             return folder
-    raise SceneError("the shipped scenes are missing; install periscopy_sim again")
+    raise errors.SceneError("the shipped scenes are missing; install periscopy_sim again")
 
 
 def find_scene(name: str | Path) -> Path:
@@ -43,7 +37,7 @@ def find_scene(name: str | Path) -> Path:
     Names are ``chair``, ``scenes/chair.xml`` or ``ambient/ceiling_panels``. A SceneError lists what
     there is.
     """
-    return _find(name, "", ".xml", "scene", SceneError)
+    return _find(name, "", ".xml", "scene", errors.SceneError)
 
 
 def find_image(name: str | Path) -> Path:
@@ -51,7 +45,7 @@ def find_image(name: str | Path) -> Path:
 
     A PhotographError lists what there is.
     """
-    return _find(name, "images", ".png", "image", PhotographError)
+    return _find(name, "images", ".png", "image", errors.PhotographError)
 
 
 def find_condition(name: str | Path) -> Path:
@@ -60,8 +54,10 @@ def find_condition(name: str | Path) -> Path:
         return find_scene(f"ambient/{name}")
     if Path(name).suffix == ".xml" and Path(name).is_file():
         return Path(name)
-    guess = did_you_mean(str(name), CONDITIONS) or f"there are {', '.join(CONDITIONS)}."
-    raise PeriscopyError(f"no ambient condition '{name}'; {guess} Or name a Mitsuba XML file")
+    guess = errors.did_you_mean(str(name), CONDITIONS) or f"there are {', '.join(CONDITIONS)}."
+    raise errors.PeriscopyError(
+        f"no ambient condition '{name}'; {guess} Or name a Mitsuba XML file"
+    )
 
 
 def is_photograph(light: Any) -> bool:
@@ -70,7 +66,7 @@ def is_photograph(light: Any) -> bool:
 
 
 def _find(
-    name: str | Path, subfolder: str, suffix: str, what: str, error: type[PeriscopyError]
+    name: str | Path, subfolder: str, suffix: str, what: str, error: type[errors.PeriscopyError]
 ) -> Path:
     try:
         is_file = (path := Path(name)).is_file()
@@ -81,7 +77,7 @@ def _find(
         text = getattr(reason, "strerror", None) or reason
         raise error(f"{what} '{name}': {text}; name a file or a shipped {what}") from None
     place = path.absolute() if is_file else path
-    if fault := path_fault(place):
+    if fault := errors.path_fault(place):
         raise error(f"{what} '{place}' {fault}")
     if is_file:
         return path
@@ -96,6 +92,6 @@ def _find(
     names = [str(file.relative_to(folder).with_suffix("")) for file in files]
     problem = "is a folder or no regular file" if path.exists() else "does not exist"
     raise error(
-        f"{what} '{path}' {problem}; {did_you_mean(str(path), names)} name a file or a shipped "
-        f"{what}: {', '.join(names)}"
+        f"{what} '{path}' {problem}; {errors.did_you_mean(str(path), names)} name a file or a "
+        f"shipped {what}: {', '.join(names)}"
     )

@@ -482,14 +482,6 @@ class LightOptions(MonitorLight):
 
     light_model: LightModelOption = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for source in self.sources:
-            if source != GRID and not source.lower().endswith(".npy"):
-                raise ps.PeriscopyError(f"--light-model {source}: give {GRID}, or an NPY file")
-            if source != GRID and not Path(source).is_file():
-                raise ps.PeriscopyError(f"--light-model {source}: there is no such file")
-
     @property
     def sources(self) -> list[str]:
         """The sources of ambient light."""

@@ -1,5 +1,6 @@
 """One run of a command on a scene: it reads, checks, times, fits and writes."""
 
+import re
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -28,6 +29,14 @@ if TYPE_CHECKING:
 
 ALL_BUT_SHADOWS = "other_lights", "glossy"
 """Codes of notes on a scene that are of A alone: a photograph and a drawing have no A."""
+
+
+def check_file_names(path: Path, names: Iterable[str]) -> None:
+    """Reject ids of a scene's hidden surfaces or cameras that cannot be parts of files' names."""
+    for name in names:
+        if not re.fullmatch(r"[\w.-]+", name):
+            form = "letters, digits, '_', '-' and '.'"
+            raise ps.PeriscopyError(f"scene '{path}': '{name}': give it an id of {form}")
 
 
 @dataclass(eq=False)
@@ -67,6 +76,8 @@ class Session(options.OptionGroup):
         """The scene, loaded at first use."""
         with self.timed("load the scene"), progress("loading the scene"):
             scene = ps.load_scene(self.path, self.definitions)
+            if len(scene.emission) > 1:
+                check_file_names(self.path, scene.emission)
             sizes = self.sizes or dict.fromkeys(scene.emission, self.patches)
             return ps.load_scenario(
                 scene, sizes, photograph=self.pixels, camera=self.sensor, seed=self.seed
@@ -283,6 +294,8 @@ class PhotoSession(WallSession):
                 f"photographs: {len(photos)}, cameras: {', '.join(cameras)}; give each photograph "
                 "a --camera of its own, in their order"
             )
+        if len(cameras) > 1:
+            check_file_names(self.path, cameras)
         masks = options.files_of_view("--mask", self.mask, cameras)
         off = options.files_of_view("--monitor-off", self.monitor_off, cameras)
         views = {each: copy(self) for each in cameras}

@@ -8,13 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from periscopy_sim.errors import ConfigurationError, SceneError
-from periscopy_sim.laboratory.document import (
-    LENGTHS,
-    AngularSurface,
-    MeshBody,
-    UprightCylinder,
-    load_laboratory,
-)
+from periscopy_sim.laboratory import document
 from periscopy_sim.laboratory.scene_text import CYLINDER, scene_text
 from periscopy_sim.rendering.load import SIDES, load_geometry, load_scene
 from periscopy_sim.rendering.scene_files import REMEDY, TriangleMesh, read_mesh, write_ply
@@ -34,7 +28,7 @@ def lab(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
     Parameters
     ----------
     measurements
-        A YAML file, see `load_laboratory`.
+        A YAML file, see `document.load_laboratory`.
     out
         The scene's XML file. Meshes are called after it: ``lab_lamp.ply`` beside ``lab.xml``.
 
@@ -53,12 +47,12 @@ def lab(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
         something stands before the wall.
     """
     measurements, out = Path(measurements), Path(out)
-    laboratory = load_laboratory(measurements)
-    bodies = [body for body in laboratory.occluders if isinstance(body, MeshBody)]
+    laboratory = document.load_laboratory(measurements)
+    bodies = [body for body in laboratory.occluders if isinstance(body, document.MeshBody)]
     names = [body.name for body in bodies]
-    if any(isinstance(body, UprightCylinder) for body in laboratory.occluders):
+    if any(isinstance(body, document.UprightCylinder) for body in laboratory.occluders):
         names.append(CYLINDER)
-    caps = [each for each in laboratory.hidden if isinstance(each, AngularSurface)]
+    caps = [each for each in laboratory.hidden if isinstance(each, document.AngularSurface)]
     names += [cap.id for cap in caps]
     files = {name: out.with_name(f"{out.stem}_{name}.ply") for name in names}
     meshes = {cap.id: unit_cap(cap) for cap in caps}
@@ -99,7 +93,7 @@ def lab(measurements: str | Path, out: str | Path) -> tuple[Path, ...]:
 build_laboratory = lab  # its former name
 
 
-def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:
+def _own_mesh(body: document.MeshBody, path: Path) -> TriangleMesh:
     """Return a mesh in metres, z up, its anchor at the origin."""
     if not path.is_file():
         raise ConfigurationError(f"occluder '{body.name}': there is no file '{path}'")
@@ -110,7 +104,7 @@ def _own_mesh(body: MeshBody, path: Path) -> TriangleMesh:
             f"occluder '{body.name}': the file '{path}' {error}; {REMEDY}"
         ) from None
     unit = body.unit or ("m" if body.is_gltf else "")
-    x, y, z = mesh.vertices.T * float(LENGTHS[unit])
+    x, y, z = mesh.vertices.T * float(document.LENGTHS[unit])
     up = body.up or ("y" if body.is_gltf else "z")
     turned = {"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[up]
     vertices = np.stack(turned, axis=1)
@@ -135,7 +129,7 @@ def _unit_cylinder() -> TriangleMesh:
     return TriangleMesh(np.asarray(prism.vertices), np.asarray(prism.faces))
 
 
-def unit_cap(surface: AngularSurface) -> TriangleMesh:
+def unit_cap(surface: document.AngularSurface) -> TriangleMesh:
     """Return an angular surface on the unit sphere; UV runs by its angles, as seen from within."""
     (right, left), (low, high) = np.radians(surface.degrees)
     columns, rows = np.ceil(np.ptp(surface.degrees, axis=1) / FACET).astype(int)

@@ -303,16 +303,9 @@ def bounces_of_words(text: str) -> int | None:
     return WORDS[text] if text in WORDS else int(text)
 
 
-def percentages(first: float, second: float, most: int = 4) -> tuple[str, str]:
-    """Return two fractions in percent with two digits, or with as many as differ, at most `most`.
-
-    Equal values have two digits.
-    """
-    for digits in (*range(2, most + 1), 2):
-        one, other = f"{100 * first:.{digits}f}", f"{100 * second:.{digits}f}"
-        if one != other:
-            break
-    return one, other
+def percentages(*fractions: float) -> tuple[str, ...]:
+    """Return fractions in percent, with three digits."""
+    return tuple(f"{100 * each:.3g}" for each in fractions)
 
 
 def with_error(value: float, error: float, unit: str = "") -> str:

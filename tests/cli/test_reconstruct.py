@@ -72,7 +72,6 @@ def test_impossible_option_is_refused(refused, tiny, tmp_path):
         (("--method", "unrolled"), "experiments/learned/unrolled.py:Unrolled"),
         (("--tv-weight", "-1"), "'--tv-weight'"),
         ((*PAPER, "--hidden", "24x24"), "chair.xml"),
-        (("--transport", "none.npy"), "none.npy"),
         (("--uncertain", "occluder_x=1"), "'occluder_dx'"),
         (("--uncertain", "occluder_dx", "--method", "differencing"), "differencing"),
     ]:

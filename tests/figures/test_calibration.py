@@ -35,7 +35,7 @@ def draw(tmp_path: Path, saved: list[Figure]) -> Draw:
 def test_each_residual_has_its_title_and_is_in_percent(draw: Draw) -> None:
     shown = calibration()
     panels: dict[str, Any] = {ax.get_title(): ax for ax in draw(shown).axes}
-    titles = "start\n2.89 %", "calibrated\n1.00 %"
+    titles = "start\n2.89 %", "calibrated\n1 %"
     for title, residual in zip(titles, (shown.residual_before, shown.residual), strict=True):
         (picture,) = panels[title].images
         np.testing.assert_allclose(picture.get_array(), 100 * residual.mean(axis=2))

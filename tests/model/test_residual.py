@@ -8,7 +8,6 @@ from scipy import ndimage
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit
 from periscopy_sim.model.residual import quick_residual, residual_of
-from periscopy_sim.numerics.validation import percentages
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import METHODS
@@ -254,18 +253,3 @@ def test_wrong_scenes_do_not_fit_whatever_the_noise():
     method = METHODS["noise-aware"](SCENE, A, B)
     y = photograph(transport(0.06), noise=1e-3 * np.where(U > 0.4, 10, 1)[..., None])
     assert method.report(y, method.solve(y)).residual.diagnosis == "does_not_fit"
-
-
-@pytest.mark.parametrize(
-    ("parts", "most", "texts"),
-    [
-        ((0.01234, 0.01534), 4, ("1.23", "1.53")),
-        ((0.001634, 0.001618), 4, ("0.163", "0.162")),
-        ((0.001634, 0.001618), 2, ("0.16", "0.16")),
-        ((0.5, 0.5), 4, ("50.00", "50.00")),
-        ((0.00123412, 0.00123411), 4, ("0.12", "0.12")),
-        ((0.0, float("nan")), 4, ("0.00", "nan")),
-    ],
-)
-def test_percentages_have_as_many_digits_as_tell_them_apart(parts, most, texts):
-    assert percentages(*parts, most) == texts
