@@ -19,8 +19,8 @@ LARGEST_CONDITION = 100.0
 10."""
 
 CODES = (
-    "8-bit integers, taken as linear light; if they are encoded for screens, as most are, read the "
-    "file by ps.read_photograph, which decodes it"
+    "8-bit integers, taken as linear light; if they are encoded for screens, as most are, give the "
+    "PNG or JPEG file, which is decoded, or linear light as float"
 )
 """A warning of photographs that are arrays."""
 
