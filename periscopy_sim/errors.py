@@ -106,8 +106,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     def likeness(other: str) -> float:
         if len(name) > 2 and other.lower().startswith(name.lower()):
             return 1.0
-        one, two = (" ".join(sorted(re.split("[^a-z0-9]+", n.lower()))) for n in (name, other))
-        return SequenceMatcher(None, one, two).ratio()
+        words = [re.split("[^a-z0-9]+", each.lower()) for each in (name, other)]
+        pairs = words, [sorted(each) for each in words]
+        return max(SequenceMatcher(a=" ".join(a), b=" ".join(b)).ratio() for a, b in pairs)
 
     nearest = max(known, key=likeness, default="")
     return f"did you mean '{nearest}'?" if nearest and likeness(nearest) > LIKE else ""

@@ -281,10 +281,19 @@ class Hidden(Mapping[str, Surface]):
         return self.unwrapped(self.split(f))
 
     def images(self, image: "Image | Mapping[str, Image]") -> dict[str, NDArray[Any]]:
-        """Return the image of each surface by its id, of any size; an InputError if one lacks."""
+        """Return the linear image of each surface by its id, of any size.
+
+        An InputError says that one lacks, or is of unsigned integers, as pictures for screens are.
+        """
         images = image if isinstance(image, Mapping) else {next(iter(self)): image}
-        in_order = self.by_id(images)
-        return {n: plain_array(each, f"the image of '{n}'") for n, each in in_order.items()}
+        arrays = {n: plain_array(i, f"the image of '{n}'") for n, i in self.by_id(images).items()}
+        for name, each in arrays.items():
+            if each.dtype.kind == "u":
+                raise InputError(
+                    f"the image of '{name}' holds {each.dtype}: give linear light as float, or "
+                    "scene.image(picture), which decodes the sRGB curve"
+                )
+        return arrays
 
     def by_id(self, images: Mapping[str, Any]) -> dict[str, Any]:
         """Return what a mapping has for each surface, in order; an InputError if one lacks."""

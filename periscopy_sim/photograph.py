@@ -18,6 +18,12 @@ LARGEST_CONDITION = 100.0
 """Condition number from which a matrix no longer separates two primaries: real cameras have 2 to
 10."""
 
+CODES = (
+    "8-bit integers, taken as linear light; if they are encoded for screens, as most are, give the "
+    "PNG or JPEG file, which is decoded, or linear light as float"
+)
+"""A warning of photographs that are arrays."""
+
 
 @dataclass(frozen=True, eq=False)
 class ColourMatrix:
@@ -149,7 +155,8 @@ class Photograph:
             Photographs with the monitor off, of the same size and channels, by name or in a
             sequence.
         warnings
-            Lines of the reader. One is added if most values are negative.
+            Lines of the reader. One is added for 8-bit integers, and one if most values are
+            negative.
 
         Raises
         ------
@@ -158,6 +165,8 @@ class Photograph:
         """
         mask = None if mask is None else np.array(mask)
         light = _checked(values, shape, name, mask)
+        if getattr(values, "dtype", None) == np.uint8:
+            warnings = (*warnings, f"{name}: {CODES}")
         if np.mean(light[... if mask is None else mask] < 0) > 0.5:
             warnings = (*warnings, f"{name}: most values are negative; check the dark frame")
         off = {} if monitor_off is None else monitor_off

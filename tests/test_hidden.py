@@ -78,8 +78,11 @@ def test_images_and_vectors() -> None:
     np.testing.assert_array_equal(hidden.vector(images), f)
     one = Hidden.of((3, 4))
     np.testing.assert_array_equal(one.vector(one.image(f[:12])), f[:12])
+    codes = {name: np.full(each.shape, 128, np.uint8) for name, each in images.items()}
     for wrong in ({"screen": images["screen"]}, {**images, "card": images["screen"]}):
         with pytest.raises(PeriscopyError, match="card"):
             hidden.join(wrong)
+    with pytest.raises(PeriscopyError, match="uint8"):
+        hidden.images(codes)
     with pytest.raises(PeriscopyError):
         Hidden({})

@@ -21,6 +21,9 @@ from periscopy_sim.errors import EXTRA_OF, PeriscopyError, did_you_mean, in_word
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
+RESUMED = {"sweep", "design", "make"}
+"""Last words of commands that resume in their folder what was interrupted."""
+
 GROUPS = {
     "Start": {"demo": "start", "doctor": "start", "tutorial": "start", "fetch": "start"},
     "Laboratory": {"lab": "laboratory", "draw": "laboratory", "view": "laboratory",
@@ -96,7 +99,8 @@ def main() -> None:
             raise KeyboardInterrupt
     except (Exception, KeyboardInterrupt) as error:
         if _is_interrupt(error):
-            warn("interrupted; no file is half-written", "error")
+            more = "; the same command resumes" if {*sys.argv[1:3]} & RESUMED else ""
+            warn(f"interrupted; no file is half-written{more}", "error")
             os._exit(INTERRUPTED)  # libraries whose threads were interrupted would complain
         if not (reason := _reason(error)):
             warn_defect(error)
@@ -119,8 +123,11 @@ def _reason(error: BaseException) -> str:
     # The option parser's errors: an unknown option, a missing argument.
     message = getattr(error, "format_message", None)
     context = getattr(error, "ctx", None)
-    more = f" Try '{context.command_path} --help'." if context else ""
-    return f"{in_words(message())}{more}" if message else ""
+    text = in_words(message()) if message else ""
+    if text and context:
+        stop = "" if text[-1] in ".?!" else "."
+        text += f"{stop} Try '{context.command_path} --help'."
+    return text
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

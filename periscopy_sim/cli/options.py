@@ -310,8 +310,10 @@ def parse_errors(text: str, flag: str) -> dict[str, float | None]:
     """Read ``NAME[=ERROR],...``: names, each with its error if one is given; each name once."""
     pairs = _pairs(flag, text.split(",") if text else ())
     errors = {name: validation.number_of(error) if error else None for name, error in pairs.items()}
-    if any(error is not None and math.isnan(error) for error in errors.values()):
-        raise PeriscopyError(f"{flag} {text}: write NAME or NAME=0.005, by comma, without units")
+    for name, error in errors.items():
+        if error is not None and math.isnan(error):
+            form = "NAME or NAME=0.005, by comma, without units"
+            raise PeriscopyError(f"{flag} {name}={pairs[name]}: write {form}")
     return errors
 
 

@@ -311,6 +311,7 @@ def sweep(
     off = monitor_off or {}
     if photograph is not None:
         mask, off = photograph.mask, photograph.monitor_off
+        noted(photograph.warnings)
         if len(shown) > 1:
             raise PeriscopyError("photograph: it shows one image; give that alone")
     shape = scenario.photograph_shape

@@ -244,7 +244,7 @@ def _frames_of(
             yield error
             continue
         if is_first and frame.table is not None:
-            curve = "decoded by the sRGB curve; if the camera sends linear light, declare it so"
+            curve = "decoded by the sRGB curve; if the camera sends linear light, pass `linear`"
             how = "taken as linear light" if linear else curve
             say(f"{8 * frame.values.dtype.itemsize}-bit frames, {how}")
         is_saturated = not is_first or frame.light.saturated.any()
@@ -419,10 +419,10 @@ class RunningAverage:
         self._variance += (variance - self._variance) / min(self._differences, NOISE_FRAMES)
 
     @property
-    def numbers(self) -> tuple[float, float, float]:
+    def numbers(self) -> tuple[int, float, float]:
         """What `Progress` says of the average: `averaged`, `noise` and `noise_left`."""
         noise = float(np.sqrt(self._variance))
-        return 1 / self._share, noise, noise * float(np.sqrt(self._share))
+        return round(1 / self._share), noise, noise * float(np.sqrt(self._share))
 
     def photograph(self) -> Photograph | None:
         """Return the average under the conditions of `wall`; None where there is none yet."""

@@ -56,7 +56,7 @@ class Progress:
 
     frame: int  # number of the latest frame, from 0
     time: float  # seconds, by `time.monotonic`, when that came; shown: since the first one
-    averaged: float  # frames whose mean has as little noise
+    averaged: int  # frames whose mean has as little noise
     noise: float  # of a frame, over its mean light; 0 where only one has come
     noise_left: float  # of the average
     latency: float = 0.0  # seconds from the frame's arrival to its pictures
@@ -227,8 +227,8 @@ class WatchSession(LiveSession):
                     self.want()
             except PeriscopyError as error:
                 failures += 1
-                may_differ = isinstance(self._companions.marks, WallTags) or self._frames
-                if failures > 1 and not may_differ:
+                may_differ = isinstance(self._companions.marks, WallTags)
+                if failures > 1 and self._averages.item is None and not may_differ:
                     raise
                 self.report(str(error))
         self.at_rest(self._averages.close)  # the last average is shown in full size
@@ -299,7 +299,7 @@ class WatchSession(LiveSession):
         rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
         if progress.noise or progress.averaged > 1:
             noise = (
-                f"average of {progress.averaged:.3g} frames: noise {100 * progress.noise_left:.2g} "
+                f"average of {progress.averaged} frames: noise {100 * progress.noise_left:.2g} "
                 f"%, of one frame {100 * progress.noise:.2g} %"
             )
         speed = f"{rate:.1f} frames a second, latency {1000 * median(latencies):.0f} ms"

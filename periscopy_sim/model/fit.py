@@ -38,7 +38,7 @@ from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Array, Image, Mask, precision_of
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 from periscopy_sim.numerics.validation import LIGHT_RANGE, InputError, checked_matrix, plain_array
-from periscopy_sim.photograph import Photograph, check_size
+from periscopy_sim.photograph import CODES, Photograph, check_size
 
 FEWEST = 25
 """Pixels with all their neighbours, below which the noise is unknown."""
@@ -566,11 +566,7 @@ class Fit:
         if photographs.dtype.kind not in "buif":
             raise InputError(f"the photograph is of type {photographs.dtype}; give real numbers")
         if photographs.dtype == np.uint8:
-            warnings.warn(
-                "the photograph is of 8-bit integers, taken as linear light; if they are encoded "
-                "for screens, as most are, read the file by ps.read_photograph, which decodes it",
-                stacklevel=5,
-            )
+            warnings.warn(f"the photograph is of {CODES}", stacklevel=5)
         self._check_size(photographs.shape)
         values = photographs.reshape(len(photographs), self.A.shape[0], photographs.shape[-1])
         planes = np.moveaxis(values[:, self.kept], -1, 1)

@@ -63,7 +63,8 @@ def checked_number(
         ends = (("from", least, -FINITE), ("to", most, FINITE))
         limits = "".join(f" {word} {end:.10g}" for word, end, none in ends if end != none)
         kind = "whole " if whole else "finite " if most == FINITE else ""
-        quotes = ", without quotes" if isinstance(value, str) else ""
+        is_quoted = isinstance(value, str) and math.isfinite(number_of(value))
+        quotes = ", without quotes" if is_quoted else ""
         prefix = name if name.endswith("=") else f"{name} "
         raise InputError(f"{prefix}{number}: give a {kind}number{limits}{quotes}")
     return int(number) if whole else float(number)
@@ -218,9 +219,13 @@ def in_range(kind: str, *values: float) -> bool:
 
 
 def checked(name: str, values: Any, kind: str) -> list[float]:
-    """Return `checked_number`s that a user gives, one or several, of a kind in `RANGES`."""
-    kin = RANGES[kind]
-    return [checked_number(each, name, *kin.ends, whole=kin.whole) for each in listed(values)]
+    """Return `checked_number`s that a user gives, one or several, of a kind in `RANGES`.
+
+    In a list of texts, as axes of names are read, the error names one that is no number.
+    """
+    kin, entries = RANGES[kind], listed(values)
+    words = [v for v in entries if isinstance(v, str) and not math.isfinite(number_of(v))]
+    return [checked_number(each, name, *kin.ends, whole=kin.whole) for each in words or entries]
 
 
 def number_of(text: str) -> float:

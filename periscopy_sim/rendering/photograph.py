@@ -239,14 +239,15 @@ def detail_light(scenario: Geometry, images: Mapping[str, NDArray[np.floating[An
     """Return the light on a grey wall, (M, C), of detail within patches that images suggest.
 
     Images are (rows, columns, C) by id. The detail is a linear interpolation to half as large
-    patches, less its mean in each patch. Its light is that of pixels' own points, so rough.
+    patches, less its mean in each patch. Its light is rough: on the first grid of `_direct_light`.
     """
     details = {}
     for name, image in images.items():
         fine = ndimage.zoom(image, (2, 2, 1), order=1, mode="nearest", grid_mode=True)
         mean = fine.reshape(len(image), 2, -1, 2, image.shape[2]).mean(axis=(1, 3))
         details[name] = fine - mean.repeat(2, axis=0).repeat(2, axis=1)
-    return _by_channel(_light_by_areas, *_shown(scenario, details))
+    finer = scenario.averaged(points_across(scenario.photograph_shape))
+    return _by_channel(_light_by_areas, *_shown(finer, details))
 
 
 def _direct_light(

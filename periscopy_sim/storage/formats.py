@@ -38,12 +38,8 @@ def read_npy(path: Path, key: str) -> rasters.Picture:
 
 
 def read_npz(path: Path, key: str) -> rasters.Picture:
-    """Read the array `key` of an NPZ archive as `read_npy` does.
-
-    8-bit integers of `hidden` are what a monitor was sent, made for screens.
-    """
-    values = _checked(npz_array(path, key), key, path)
-    return rasters.Picture(values, is_display=key == "hidden" and values.dtype == np.uint8)
+    """Read the array `key` of an NPZ archive as `read_npy` does."""
+    return rasters.Picture(_checked(npz_array(path, key), key, path))
 
 
 def mapped_stack(path: Path) -> NDArray[Any]:

@@ -19,7 +19,7 @@ from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph, blackened, check_real, check_size, with_channels
 from periscopy_sim.photographs.develop import SensorImage, plateaus, sensor_image
 from periscopy_sim.storage import formats
-from periscopy_sim.storage.pictures import area_average, linear_light, read_hidden_image
+from periscopy_sim.storage.pictures import area_average, hidden_light, read_hidden_image
 from periscopy_sim.storage.rasters import GAMMA, SRGB, Picture, decoding, listed, srgb_light
 
 
@@ -47,7 +47,9 @@ def read_photograph(
         If the file is missing, damaged, of another format, or fails `Photograph.of`.
     """
     picture, warnings = _linear_light(path)
-    return Photograph.of(picture.values, shape, str(path), mask=mask, warnings=tuple(warnings))
+    values = picture.values
+    values = values.astype(float) if values.dtype == np.uint8 else values  # known to be linear
+    return Photograph.of(values, shape, str(path), mask=mask, warnings=tuple(warnings))
 
 
 def read_sensor_image(
@@ -261,10 +263,9 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
     """Yield what the hidden scene showed at each of `count` photographs: light, 1 for white.
 
     `path` is a folder of pictures of one format, in natural order, each read by
-    `read_hidden_image`; an NPY stack (frames, any rows, any columns, 3) of linear light, its 8- or
-    16-bit integers being fractions of their largest value; or one picture, which stands for every
-    frame. Each is averaged over the area of each patch: (rows, columns, 3). Neither one frame nor
-    `count` is a `PhotographError`.
+    `read_hidden_image`; an NPY stack (frames, any rows, any columns, 3) of such; or one picture,
+    which stands for every frame. Each is averaged over the area of each patch: (rows, columns, 3).
+    Neither one frame nor `count` is a `PhotographError`.
     """
     path = Path(path)
     images: Iterator[Array]
@@ -273,7 +274,7 @@ def read_hidden_frames(path: str | Path, shape: tuple[int, int], count: int) -> 
         number, images = len(files), (read_hidden_image(file, shape) for file in files)
     elif formats.format_of(path).name == "NPY" and formats.mapped_stack(path).ndim == 4:
         stack = _checked(formats.mapped_stack(path), path)
-        lights = (linear_light(each, f"{path}, frame {k}") for k, each in enumerate(stack))
+        lights = (hidden_light(each, f"{path}, frame {k}") for k, each in enumerate(stack))
         number, images = len(stack), (area_average(light, shape) for light in lights)
     else:
         number, images = 1, iter([read_hidden_image(path, shape)])

@@ -19,10 +19,9 @@ from periscopy_sim.storage.rasters import LINEAR, Picture, srgb_bytes, srgb_ligh
 def read_hidden_image(path: str | Path | ArrayLike, shape: Any) -> NDArray[np.float64]:
     """Read a picture as the radiance of the hidden scene's patches.
 
-    PNG, JPEG and TIFF of 8 or 16 bits are decoded by the sRGB curve, but for a PNG that declares
-    linear light, and what is transparent in them is dark; EXR, NPY and floating-point TIFF are
-    linear light, 8- or 16-bit integers in NPY fractions of their largest value. An NPZ file's array
-    `hidden` is taken likewise, but its 8-bit integers are what a monitor was sent, and decoded.
+    Floating-point values are linear light. Integers of 8 or 16 bits, of files and arrays alike, are
+    decoded by the sRGB curve, but for a PNG that declares linear light; what is transparent is
+    dark. Of an NPZ file, the array `hidden` is read.
 
     Parameters
     ----------
@@ -51,31 +50,29 @@ def read_hidden_image(path: str | Path | ArrayLike, shape: Any) -> NDArray[np.fl
     values = with_channels(picture.values, name)
     if values.size == 0:
         raise PhotographError(f"{name}: has shape {values.shape}; give one pixel at least")
-    is_code = values.dtype in (np.uint8, np.uint16) and picture.encoding != LINEAR
-    light = srgb_light(values) if picture.is_display and is_code else linear_light(values, name)
+    light = hidden_light(values, name, is_linear=picture.encoding == LINEAR)
     if picture.alpha is not None:
-        light = light * linear_light(picture.alpha, name)  # on black
-    return area_average(_in_colours(light, name), size_of(shape))
+        light = light * hidden_light(picture.alpha, name, is_linear=True)  # on black
+    return area_average(light, size_of(shape))
 
 
-def linear_light(values: NDArray[Any], place: str | Path) -> NDArray[np.float64]:
+def hidden_light(
+    values: NDArray[Any], place: str | Path, *, is_linear: bool = False
+) -> NDArray[np.float64]:
     """Return (rows, columns, 1, 3 or more) values as light of three channels or more, 1 for white.
 
-    Integers, of 8 or 16 bits, are fractions of the largest of their dtype. Values that are negative
-    or not finite are a `PhotographError`.
+    Integers, of 8 or 16 bits, are decoded by the sRGB curve, or are fractions of their largest
+    value. Values that are negative or not finite are a `PhotographError`.
     """
     if values.dtype.kind != "f" and values.dtype not in (np.uint8, np.uint16):
         raise PhotographError(f"{place}: holds {values.dtype}; save 8- or 16-bit or float values")
-    white = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-    with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
-        light = values.astype(np.float64) / white
+    if values.dtype.kind == "f":
+        with np.errstate(over="ignore", invalid="ignore"):  # long doubles, signalling NaNs
+            light = values.astype(np.float64)
+    else:
+        light = values / np.iinfo(values.dtype).max if is_linear else srgb_light(values)
     if not (np.isfinite(light) & (light >= 0)).all():
         raise PhotographError(f"{place}: has negative, NaN or infinite values; replace them")
-    return _in_colours(light, place)
-
-
-def _in_colours(light: NDArray[np.float64], place: str | Path) -> NDArray[np.float64]:
-    """Return light of three channels or more; grey has three equal ones."""
     if light.shape[2] == 2:
         raise PhotographError(f"{place}: has 2 channels; give three or more, or one of grey")
     return np.broadcast_to(light, (*light.shape[:2], max(3, light.shape[2])))

@@ -343,8 +343,9 @@ def test_bad_input_is_one_line(refused):
         ({"study": "nothing.yaml"}, "nothing.yaml"),
         ({"ambient": "none"}, "--ambient none"),
         ({"ambient": "none,left.exr"}, "none alone"),
-        ({"snr": "loud"}, "--snr loud"),
-        ({"seeds": "many"}, "'--seeds': write a whole number"),
+        ({"snr": "40,loud"}, "--snr loud"),
+        ({"vary": "snr=0,.nan"}, "--vary snr=.nan"),
+        ({"seeds": "many"}, "'--seeds': write a whole number. Try 'periscopy"),
     ]:
         assert offender in refused(*command(**changes))
 

@@ -236,12 +236,12 @@ def test_the_frames_are_prepared_at_a_later_try(monkeypatch):
     assert len(tries) == 2 and any("no tag" in line for line in brief.said)
 
 
-@pytest.mark.parametrize("has_tags", [False, True])
-def test_frames_whose_size_is_wrong_end_the_session_unless_tags_may_appear(has_tags):
-    if has_tags:
-        brief = Brief(lambda: time.sleep(0.01) or WALL, Companions(marks=TAGS))
-    else:
-        brief = Brief(lambda: time.sleep(0.01) or WALL[:-1])
+@pytest.mark.parametrize(
+    ("frame", "has_tags"), [(WALL, True), (WALL[:-1], False), (0 * WALL, False)]
+)
+def test_frames_of_a_wrong_size_or_black_end_the_session_unless_tags_may_appear(frame, has_tags):
+    companions = Companions(marks=TAGS) if has_tags else None
+    brief = Brief(lambda: time.sleep(0.01) or frame, companions)
     with brief.session, live.running(brief.session):
         assert brief.session.ended.wait(1.0 if has_tags else PATIENCE / 4) is not has_tags
     assert isinstance(brief.session.fault, PhotographError) is not has_tags

@@ -9,6 +9,7 @@ import tifffile
 from PIL import Image, ImageCms
 
 from periscopy_sim.errors import PhotographError
+from periscopy_sim.photograph import Photograph
 from periscopy_sim.storage.photographs import read_mask, read_photograph
 from periscopy_sim.storage.pictures import read_hidden_image, write_png
 
@@ -56,7 +57,9 @@ def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path):
         for path in save_npy(tmp_path / "y.npy", values), tmp_path / "y.npz":
             photograph = read(path)
             np.testing.assert_array_equal(photograph.values, values)
-            assert len(photograph.warnings) == (values.dtype == np.uint8)
+            of_array = Photograph.of(values)
+            for each in photograph, of_array:
+                assert len(each.warnings) == (values.dtype == np.uint8)
 
 
 def test_planes_and_pages_of_tiff_come_back_as_rows_columns_channels(tmp_path):
