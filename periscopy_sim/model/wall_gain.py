@@ -22,6 +22,17 @@ Is there a gain at all? But for the estimate of σ, f₀ depends on Fᵀ y alone
 directions do that have nothing to do with y, and the ratio of the two is of Fisher's distribution.
 It is compared with the polynomials of degrees 6 and 7 in all channels rather than with the
 whole residual: where light or scene do not fit the model, its smooth part is larger than noise.
+
+A rendered A errs as well, by some δA that pixels and patches do not share. If the residual, r, is
+−δA f₀, then δA is also in the terms and in F, which takes from the products of terms and y
+
+    Σ_pixels p_k r² − ‖r‖² ⟨g_k, f₀⟩/‖f₀‖²,   g_k the image that explains p_k A f₀ best.
+
+How much of r that is remains unknown, but it is no more than A's weakest image shows, because
+errors give light to every image that the wall sees. So the ratio is the least one over parts of
+both up to that, added to the products, which makes a gain by chance no likelier. A by areas has
+next to none: they are 1 % of r at most, on a real photograph. If they could be all of r, the last
+digits of B would decide on its gain.
 """
 
 from collections.abc import Mapping
@@ -30,9 +41,10 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy import special
+from scipy import optimize, special
 
 from periscopy_sim.model.fit import ERROR_RATE, RESOLVED, FirstImage, Fit, FittedPhotograph
+from periscopy_sim.model.transport_operator import ROUNDING
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.products import combine_rows, project_out, times_rows
 
@@ -71,6 +83,9 @@ class WallGain:
             raise ValueError("a gain over the wall needs photograph_shape, their rows and columns")
         self._fit = fit
         self._background = fit.background.astype(np.float32)
+        self._basis = fit.patterns.rows[fit.visible]
+        self._scales = (1 / (np.sqrt(fit.curvatures) * fit.unit)).astype(np.float32)
+        self._errors = largest_errors(fit)
         self._QtA = np.ascontiguousarray(fit.operator.QtA, np.float32)
         self._shape = shape
         self._terms = polynomials(shape, 1, 2)
@@ -130,13 +145,33 @@ class WallGain:
         a, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > RESOLVED**2:
             a = np.asarray(np.linalg.solve(H, q), np.float64)
-            ratio = (float(a @ q) / count) / (float(np.mean(compared**2)) + 1e-30)
+            scaled = times_rows(f, self._basis[kept]) * self._scales[kept] / σ
+            errors = self._errors_of_transport(r, shown, scaled, f / σ)
+            C = np.linalg.cholesky(H)
+            white = (np.linalg.solve(C, part) for part in (errors, -q))
+            by_errors = float(np.sum((f / σ) ** 2 @ self._errors, dtype=np.float64))
+            # Errors need not lie where r does, but no term is larger than 1.
+            most = np.array([np.abs(errors[:, 0]).max(), np.sum(r**2)]) + 1e-30
+            parts = 0, np.clip(by_errors / most, ROUNDING, 1)
+            least = 2 * optimize.lsq_linear(*white, bounds=parts, method="bvls").cost
+            ratio = (least / count) / (float(np.mean(compared**2)) + 1e-30)
             probability = float(special.fdtrc(count, compared.size, ratio))
         field = 1 + (a @ self._terms).reshape(self._shape)
         believed = BOUNDS[0] <= field.min() and field.max() <= BOUNDS[1]
         added = np.tensordot(a, terms.reshape(count, *y.shape), 1) * σ
         accepted = bool(believed and probability < ERROR_RATE)
         return GainEstimate(probability, field, accepted, added)
+
+    def _errors_of_transport(self, r: Array, shown: Image, scaled: Image, f: Image) -> Array:
+        """Return what errors of A alone would take from the terms' products with y, (K, 2).
+
+        The products of f, (C, N), with the images g_k are those of `shown`, the coordinates of the
+        terms, with `scaled`, (C, r), the products of f with the patterns, over their norms.
+        """
+        own = self._used_terms @ (r**2).sum(axis=0)
+        shares = (r**2).sum(axis=1) / ((f**2).sum(axis=1) + 1e-30)
+        shared = np.einsum("kcr,cr,c->k", shown.reshape(len(own), *scaled.shape), scaled, shares)
+        return np.stack([own, -shared], axis=1).astype(np.float64)
 
     def _unexplained(self, rows: Image, others: Image) -> Image:
         """Return an orthonormal basis of what [A, B], and other unit vectors, leave of rows."""
@@ -175,3 +210,18 @@ def products(vectors: Image, count: int) -> Array:
     """Return the products of so many terms, (K, K), from (C K, M') vectors, C channels a term."""
     terms = vectors.reshape(count, -1).astype(np.float64)
     return np.asarray(np.einsum("km,lm->kl", terms, terms))
+
+
+def largest_errors(fit: Fit) -> Array:
+    """Return the energy of independent errors in each column of A⊥, (N,), at most.
+
+    They are a fraction s² of the columns' energies, the same in every pixel. So the weakest of N
+    images has a fraction s² (1 − √(N/K))² of its patches' energies, K the pixels less the
+    dimensions of ambient light, by the least singular value of a random matrix; and A⊥ has no
+    weaker one.
+    """
+    images = fit.patterns.rows[fit.visible]
+    energies = np.sum(fit.factor**2, axis=0)
+    parts = fit.curvatures * fit.unit**2 / (images**2 @ energies)
+    left = 1 - np.sqrt(images.shape[1] / max(1, fit.pixels - len(fit.background)))
+    return np.asarray(energies * min(1.0, np.min(parts) / max(left, RESOLVED) ** 2))

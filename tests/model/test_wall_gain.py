@@ -7,7 +7,7 @@ from scipy import stats
 import periscopy_sim as ps
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Fit, FittedPhotograph
-from periscopy_sim.model.wall_gain import WallGain
+from periscopy_sim.model.wall_gain import WallGain, largest_errors
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from tests.scenes.two_walls import write_two_walls
@@ -61,7 +61,8 @@ def left_over(columns, y):
     return y - columns @ coefficients, coefficients
 
 
-@pytest.mark.parametrize(("masked", "seed"), [(False, 3), (True, 1)])
+# What makes the ratio least: errors of A that patches share, those and pixels' own, pixels' own.
+@pytest.mark.parametrize(("masked", "seed"), [(False, 3), (False, 7), (True, 1)])
 def test_coefficients_and_probability_are_those_of_nested_least_squares(masked, seed):
     mask = np.ones(PIXELS, bool)
     if masked:
@@ -91,10 +92,23 @@ def test_coefficients_and_probability_are_those_of_nested_least_squares(masked, 
         np.sum(left_over(explaining, channel)[0] ** 2) - np.sum(left_over(richer, channel)[0] ** 2)
         for channel in (y[mask] / NOISE).T
     ]
+    # If A's errors make what is left, of which parts t are tried in small steps:
+    r = np.stack([left_over(explaining, channel)[0] for channel in (y[mask] / NOISE).T])
+    bias = np.zeros((5, 2))
+    for k in range(5):
+        for channel in range(3):
+            g = left_over(np.hstack([A, B])[mask], terms[:, k, channel])[1][:20]
+            f = image[:, channel] / NOISE[channel]
+            bias[k, 0] += np.sum(TERMS[mask, k] * r[channel] ** 2)
+            bias[k, 1] -= np.sum(r[channel] ** 2) * (g @ f) / (f @ f)
     H = unexplained[0].T @ unexplained[0]
     q = unexplained[0].T @ unexplained[1]
     assert q @ np.linalg.solve(H, q) == pytest.approx(gained)
-    ratio = (gained / 5) / (np.sum(smooth) / 45)
+    steps = np.linspace(0, 1, 201)
+    tried = (q[:, None, None] + np.tensordot(bias, np.meshgrid(steps, steps), 1)).reshape(5, -1)
+    least = np.min(np.sum(tried * np.linalg.solve(H, tried), axis=0))
+    assert least < 0.9 * gained
+    ratio = (least / 5) / (np.sum(smooth) / 45)
     assert found.probability == pytest.approx(stats.f.sf(ratio, 5, 45), rel=0.005)
 
 
@@ -191,6 +205,45 @@ def bumps_of_light(steepness):
 
 def rejected_by(Q, y):
     return np.ascontiguousarray((y - Q @ (Q.T @ y)).T)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_errors_of_the_transport_matrix_are_no_gain(dark):
+    bumps = bumps_of_light(6)
+    hidden = TRUTH * np.linspace(0, 2, 20)[:, None]
+    probabilities = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        rendered = bumps + 0.004 * (1 + 0.9 * X[:, None]) * rng.standard_normal(bumps.shape)
+        if dark:  # a patch that the wall does not see has no errors
+            rendered[:, 0] = bumps[:, 0] = 0
+        estimate, Q = fitted_to(rendered, np.ones((PIXELS, 1)))
+        y = bumps @ hidden + 1e-3 * rng.standard_normal((PIXELS, 3))
+        left = left_over(np.hstack([rendered, Q, monomials(5)]), y)[0]
+        noise = np.sqrt(np.sum(left**2, axis=0) / (PIXELS - 41))
+        probabilities.append(estimate(rejected_by(Q, y), noise, hidden.T).probability)
+    # By chance, more than 7 of 40 are below 5 % in 0.07 % of all seeds.
+    assert np.sum(np.array(probabilities) < 0.05) <= 7
+
+
+@pytest.mark.parametrize("ambient", [1, 60])
+@pytest.mark.parametrize("size", [1e-3, 1e-2])
+def test_errors_of_the_transport_matrix_are_no_larger_than_its_weakest_image_shows(size, ambient):
+    smooth = bumps_of_light(0.5)  # its weakest image has next to no light
+    smooth[:, :5] *= 0.02
+    rng = np.random.default_rng(0)
+    background = rng.standard_normal((PIXELS, ambient))
+    Q = np.linalg.qr(background)[0]
+    energies = np.sum((smooth - Q @ (Q.T @ smooth)) ** 2, axis=0)
+    errors = size * np.sqrt(energies / PIXELS) * rng.standard_normal(smooth.shape)
+    exact, bounds = (
+        largest_errors(Fit(each, background, hidden=Hidden.of(HIDDEN)))
+        for each in (smooth, smooth + errors)
+    )
+    errors -= Q @ (Q.T @ errors)
+    of_columns = np.sum(errors**2, axis=0)
+    assert (exact < 0.1 * of_columns).all() and (bounds > 0.8 * of_columns).all()
+    assert of_columns.sum() < bounds.sum() < 3 * of_columns.sum()
 
 
 def test_dark_and_noiseless_photographs_have_no_gain():
