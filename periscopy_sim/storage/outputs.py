@@ -237,7 +237,10 @@ def append_array(path: Path, values: NDArray[np.floating], count: int) -> None:
     are written. An OutputError says that the file cannot be written.
     """
     header: dict[str, Any] = {"descr": "<f4", "fortran_order": False}
-    with unwritable_reported(path), path.open("r+b" if count else "w+b") as file:
+    if not count:
+        with unwritable_reported(path):
+            path.write_bytes(b"")
+    with unwritable_reported(path), path.open("r+b") as file:
         if not count:
             npy.write_array_header_1_0(file, {**header, "shape": (0, *values.shape)})
         file.seek(0, 2)
