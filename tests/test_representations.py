@@ -32,7 +32,7 @@ def test_other_things_are_told_briefly(transport, photograph):
         (ps.Background(photograph, 3e-4, 2e-3), "relative_error=0.0003"),
         (
             calibration(("doubt",)),
-            "dx=0.1±0.01, turn=1.6±0.5, unexplained 2.89 -> 1.00 %, not trusted",
+            "dx=0.1±0.01, turn=1.6±0.5, unexplained 2.89 -> 1 %, not trusted",
         ),
     ]:
         line = repr(thing)

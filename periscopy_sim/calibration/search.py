@@ -210,11 +210,11 @@ class Search:
 
         A SceneError says that the prior's centre is no scene.
         """
-        level = self.coarse
+        level, drawn = self.coarse, self._scanned()
         own = level.look(level.candidate(level.center))
         for T in level.photographs * np.array(COOLING):
             own = self._descended(level, 1, own, T)
-        ends = _distinct([own, *self._proposed(self._scanned())])
+        ends = _distinct([own, *self._proposed(drawn)])
         first, *others = [self.fine.quick.candidate(look.point) for look in ends]
         return [first, *filter(_is_scene, others)]
 

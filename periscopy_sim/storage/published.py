@@ -162,8 +162,8 @@ def _matlab(path: Path, *names: str) -> dict[str, NDArray[Any]]:
     """Return arrays of real numbers, all or some, of a MATLAB file of version 5 to 7."""
     from scipy.io import loadmat
 
-    with rasters.decoding(path, "MATLAB", "save it again with -v7"):
-        fields = loadmat(path, variable_names=names or None)
+    with rasters.decoding(path, "MATLAB", "save it again with -v7"), path.open("rb") as file:
+        fields = loadmat(file, variable_names=names or None)
         return {n: f for n, f in fields.items() if getattr(f, "dtype", np.dtype("O")).kind in "iuf"}
 
 
