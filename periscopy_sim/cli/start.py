@@ -119,6 +119,7 @@ def demo(
                 photo=[photo], session=PhotoSession(*chair), light=LightOptions(), out=out / method,
                 method=method, numbers=options.StillNumbers(), truth=[image], uncertain="none",
             )  # fmt: skip
+        output.outcome().warnings += part.warnings
         output.written(out / method)
         output.record(**{method: part.numbers})
         psnr, registered = (part.numbers[name] for name in ("psnr", "psnr_registered"))
