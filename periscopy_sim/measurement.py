@@ -22,11 +22,6 @@ def allowed_error(snr: float) -> float:
     return float(OWN_SHARE * 10 ** (-snr / 20))
 
 
-def ambient_target(snr: float | None) -> float:
-    """Return the relative error of a pixel of ambient light for photographs of an SNR in dB."""
-    return TARGET if snr is None else min(TARGET, allowed_error(snr))
-
-
 def composite(signal: Image, background: Image, sbr: float) -> Array:
     """Add ambient light at a signal-to-background ratio, at a fixed exposure (Sec. 4.1).
 

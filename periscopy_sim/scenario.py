@@ -16,7 +16,6 @@ from periscopy_sim.light import Light
 from periscopy_sim.measurement import (
     TARGET,
     add_noise,
-    ambient_target,
     composite,
     composite_error,
     noise_to_signal,
@@ -293,7 +292,7 @@ class Scenario(Geometry):
         snr: float | None = None,
         bounces: int | None = None,
         samples: int | None = None,
-        target: float | None = None,
+        target: float = TARGET,
         colour_matrix: ColourMatrix | Array | None = None,
         progress: Progress | None = None,
     ) -> Photograph:
@@ -305,8 +304,7 @@ class Scenario(Geometry):
             (R, C, 3) linear radiance along the normal, of any R and C, or a name as of `image`; of
             several surfaces a mapping of such by id.
         ambient, sbr, target
-            Ambient light as of `ambient`, the signal-to-background ratio, and the light's error;
-            None lets `snr` decide.
+            Ambient light as of `ambient`, the signal-to-background ratio, and the light's error.
         snr
             Signal-to-noise ratio, in dB, of the noise that is added. The photograph's own error is
             at most a third of it, within a budget. None adds none, and renders for 60 dB.
@@ -345,9 +343,8 @@ class Scenario(Geometry):
                 validation.checked(name, [value], kind)
         colours = ColourMatrix.of(colour_matrix)
         mixed = np.array if colours is None else colours.mix
-        purpose = SNR if snr is None else snr
-        target = ambient_target(snr) if target is None else target
         light = None if ambient is None else self.ambient(ambient, target=target)
+        purpose = SNR if snr is None else snr
         noise = noise_to_signal(purpose, np.inf)
         if sbr is not None:
             # Light that ambient light outshines may err more; both together have a third.

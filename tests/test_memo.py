@@ -14,7 +14,6 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim import memo as memos
 from periscopy_sim.errors import OutputError
-from periscopy_sim.measurement import allowed_error
 from periscopy_sim.memo import Memo
 from periscopy_sim.rendering import ambient
 
@@ -223,13 +222,6 @@ def test_all_that_light_depends_on_makes_another(rendered):
         each.ambient("overcast", **options)
     scene.ambient("snow")
     assert len(rendered) == 5
-
-
-def test_ambient_light_of_a_photograph_is_as_fine_as_its_snr_needs(rendered):
-    image = np.ones((6, 8, 3))
-    for snr in (20, 60, 80):
-        chair().photograph(image, ambient="overcast", sbr=1, snr=snr, bounces=1)
-    assert len(rendered) == 2 and not chair().missing_ambient(["overcast"], allowed_error(80))
 
 
 def test_a_damaged_or_unwritable_cache_costs_time_alone(rendered, user_cache, monkeypatch):

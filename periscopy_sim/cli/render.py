@@ -8,7 +8,7 @@ import periscopy_sim as ps
 from periscopy_sim.cli import options, output
 from periscopy_sim.cli.options import LIGHT, MonitorLight, argument, most_bounces, option
 from periscopy_sim.cli.session import ALL_BUT_SHADOWS, Session
-from periscopy_sim.measurement import TARGET, ambient_target
+from periscopy_sim.measurement import TARGET
 from periscopy_sim.shipped import CONDITIONS, DARK, find_condition
 from periscopy_sim.storage import provenance, rasters
 
@@ -16,7 +16,6 @@ TargetOption = Annotated[float, option("NUMBER", kind="error")]
 _IMAGE = "The hidden image: a file, or a shipped one."
 _OF_EACH = "Image of a hidden surface; repeatable."
 _SAMPLES = "Camera samples a pixel of the path tracer. [default: as the SNR needs, without it]"
-_TARGET = "Error of a pixel of ambient light. [default: as the SNR needs]"
 _NAMES = "Scene files or shipped conditions."
 _AMBIENT = "Ambient light to add: a photograph by the same camera, a condition, or none."
 
@@ -35,7 +34,7 @@ def photograph(
     sbr: Annotated[float | None, option("RATIO", kind="ratio", group=LIGHT)] = None,
     colour_matrix: options.ColourMatrixOption = None,
     snr: options.OptionalSnr = None,
-    target: Annotated[float | None, option("NUMBER", _TARGET, kind="error")] = None,
+    target: TargetOption = TARGET,
 ) -> None:
     """Render a photograph of the wall, as an EXR file.
 
@@ -45,7 +44,6 @@ def photograph(
     is_lit = ambient not in (None, DARK)
     if is_lit != (sbr is not None):
         raise ps.PeriscopyError("--sbr and light of --ambient go together; give both or neither")
-    target = ambient_target(snr) if target is None else target
     colours = None if colour_matrix is None else ps.read_colour_matrix(colour_matrix)
     most = most_bounces(bounces)
     if colours is not None and len(colours.matrix) != 3:

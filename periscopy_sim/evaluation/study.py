@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import product
 from numbers import Real
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,7 +23,7 @@ from periscopy_sim.evaluation.sweep_store import Values
 from periscopy_sim.evaluation.workers import check_scheduler
 from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
 from periscopy_sim.judgement import check_error
-from periscopy_sim.measurement import ambient_target, noise_to_signal
+from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
 from periscopy_sim.numerics import Array, Mask, validation
@@ -121,10 +120,9 @@ class SweepWork:
                     work.first = cell
             else:
                 work.calibrations.add((*(v for name, v in cell.items() if name != "algorithm"),))
-        targets = {ambient_target(cell["snr"]) for cell in missing}
-        for values, target in product([*places.values()][:SCENES], targets):
+        for values in [*places.values()][:SCENES]:
             with suppress(SceneError):  # which fails alone
-                work.lights |= worlds.at(values).missing_ambient(worlds.traced, target)
+                work.lights |= worlds.at(values).missing_ambient(worlds.traced)
         return work
 
     def seconds(self, threads: int) -> float | None:
@@ -150,7 +148,7 @@ class SweepWork:
             world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
             trial = {name: {**first, "algorithm": name} for name in self.cells}
             of_cell, writing = cell_seconds(self.sweep, world, trial)
-            of_lights = self._light(worlds.at(values), worlds, ambient_target(snr))
+            of_lights = self._light(worlds.at(values), worlds)
         except PeriscopyError:
             return None
         return (
@@ -171,15 +169,15 @@ class SweepWork:
         worlds.fitted(snr, values, wall)
         return made - started, time.perf_counter() - made
 
-    def _light(self, scenario: Scenario, worlds: Worlds, target: float) -> float:
+    def _light(self, scenario: Scenario, worlds: Worlds) -> float:
         """Return the seconds of missing ambient light but for the quickest, which is made."""
         costs = sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
-        missing = scenario.missing_ambient(worlds.traced, target).values()
+        missing = scenario.missing_ambient(worlds.traced).values()
         if not missing:
             return 0.0
         name = min(missing, key=lambda each: LIGHT_COST.get(each, 1.0))
         started = time.perf_counter()
-        scenario.ambient(name, target=target, progress=worlds.progress)
+        scenario.ambient(name, progress=worlds.progress)
         return (time.perf_counter() - started) * (costs / LIGHT_COST.get(name, 1.0) - 1)
 
 

@@ -21,7 +21,7 @@ from periscopy_sim.evaluation.sweep import Unfitted, World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
 from periscopy_sim.light import Light
-from periscopy_sim.measurement import ambient_target, noise_to_signal
+from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.memo import Memo
 from periscopy_sim.methods import Name, entry_of, without_addresses
 from periscopy_sim.numerics import Array, Image, Mask, validation
@@ -202,7 +202,7 @@ class Worlds:
         fit = self._calibrated if calibrates else self.fitted
         fitted = fit(snr, values, wall)
         if lights is None:
-            lights = {name: self._light(true, name, snr) for name in self.ambient}
+            lights = {name: self._light(true, name) for name in self.ambient}
         backgrounds = dict[str, Photograph]()
         for name, light in lights.items():
             seen = {name: seen_in(light.photograph, wall.channels)}
@@ -224,11 +224,11 @@ class Worlds:
         """The conditions of ambient light that is path traced."""
         return [str(light) for light in self.ambient.values() if validation.is_name(light)]
 
-    def _light(self, true: Scenario, name: str, snr: float) -> Background:
-        """Return ambient light on the wall, path traced as an SNR needs unless it is given."""
+    def _light(self, true: Scenario, name: str) -> Background:
+        """Return ambient light on the wall, path traced unless it is given."""
         light = self.ambient[name]
         if validation.is_name(light):
-            return true.ambient(light, target=ambient_target(snr), progress=self.progress)
+            return true.ambient(light, progress=self.progress)
         return Background(light, 0.0, 0.0)
 
     def signal(self, name: str, snr: float, values: Mapping[str, Any]) -> Photograph:
