@@ -51,7 +51,7 @@ class MovingScene:
     scenario: Geometry  # as loaded, with the pixels used
     names: tuple[str, ...]  # of the P parameters
     errors: Array  # (P,) or (P + 2 S,) scales: a derivative moves a value by a fraction of its own
-    _last: dict[bytes, Matrix] = field(default_factory=dict, init=False)  # A, at its values
+    _last: dict[bytes, Matrix] = field(default_factory=dict, init=False)  # latest A, by its values
 
     @property
     def pixels(self) -> Mask:

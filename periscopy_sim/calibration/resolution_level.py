@@ -175,9 +175,9 @@ class ResolutionLevel:
 
     @property
     def quick(self) -> ResolutionLevel:
-        """The level with A in the pixels' middles alone: a scene of thin parts needs more at last.
+        """The level without `finer`: its A is faster to compute, and errs at thin occluders.
 
-        A tripod's objective was 180 lower at its end than at the truth, by averages 26.
+        A tripod's objective was 180 lower at its end than at the truth; with `finer`, 26.
         """
         return replace(self, finer=None)
 

@@ -198,9 +198,9 @@ class Search:
         """Add a draw, 0, or a temperature's end: 1 coarse or large, 2 fine, 3 last."""
         values = self.fine.values(candidate.point)
         self._rows[stage].append(np.append(values, candidate.cost))
-        first, fine = LARGE_SURVIVORS[-1], 2 * len(fine_cooling(self.fine.photographs))
         coarse = len(COOLING) + sum(LARGE_SURVIVORS[:-1])
-        fine += 1 + first + ROUNDS * (1 + ASIDES)
+        fine = 1 + LARGE_SURVIVORS[-1] + 2 * len(fine_cooling(self.fine.photographs))
+        fine += ROUNDS * (1 + ASIDES)
         most = DRAWS, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
@@ -374,8 +374,8 @@ class Search:
         Hot is above 1. What the scene then lacks biases it more than the likeliest image does:
         from five rulers of a real chair a last descent lost 0, 0, 0.6, 0.6 and 1.2 dB.
         """
-        edged, T = self.fine.with_edges(start), start.temperature
-        edged, look = _look_with_misfit(edged, start.point, T)
+        edged = self.fine.with_edges(start)
+        edged, look = _look_with_misfit(edged, start.point, start.temperature)
         for T in fine_cooling(edged.photographs):
             if start.temperature >= T:
                 colder = self._cooled(edged, 3, look, T)

@@ -131,8 +131,8 @@ def design(
         "provenance": session.provenance,
     }  # fmt: skip
     with output.output_files(out / "design.json", out / "design.png") as (json, picture):
-        told: dict[str, Any] = {"units": document.units, "caption": caption}
-        draw_design(picture, rows, best, **told, metadata=session.metadata)
+        units, metadata = document.units, session.metadata
+        draw_design(picture, rows, best, units=units, caption=caption, metadata=metadata)
         output.write_json(json, record)
     if best is None:
         (out / BEST).unlink(missing_ok=True)  # of another --by

@@ -110,7 +110,7 @@ def draw_sweep(
     least = min(float(means["mean"].min()) for _, means in parts)
     lowest = min(float((means["mean"] - means["half"].fillna(0)).min()) for _, means in parts)
     is_log = metric == "mean_squared_error" and least > 0
-    # Of an interval, which may hold 0.
+    # The lowest mean limits the axis, because an interval may reach 0.
     bottom = max(least / 3, 0.8 * lowest) if is_log else -np.inf
     if lowest < bottom:
         caption += "; triangles: intervals that reach lower"
