@@ -1,7 +1,7 @@
 """A scene whose parameters move: its A by areas, A's derivatives, and what errors do to light."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,6 @@ class MovingScene:
     scenario: Geometry  # as loaded, with the pixels used
     names: tuple[str, ...]  # of the P parameters
     errors: Array  # (P,) or (P + 2 S,) scales: a derivative moves a value by a fraction of its own
-    _last: dict[bytes, Matrix] = field(default_factory=dict, init=False)  # latest A, by its values
 
     @property
     def pixels(self) -> Mask:
@@ -84,11 +83,7 @@ class MovingScene:
 
     def transport(self, values: Array) -> Matrix:
         """Return A, (M, N); a SceneError says that the values make no scene with a closed form."""
-        if (key := values.tobytes()) not in self._last:
-            A = area_transport(self.at(values))
-            self._last.clear()
-            self._last[key] = A
-        return self._last[key]
+        return area_transport(self.at(values))
 
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""

@@ -30,11 +30,10 @@ from periscopy_sim.view import Geometry, View
 
 MOST_PATCHES, LARGER = 36, 2
 """Patches along a side of each hidden image: of more, a coarser image serves. And how many times as
-large they are for the scan and the first descents with images of few edges."""
+large they are for the first descents with images of few edges."""
 
-COARSE_PIXELS, HATS = 1000, 24
-"""Pixels of the coarse level, about; and hat functions along the longer side of smooth images where
-errors are estimated."""
+COARSE_PIXELS, COARSE_HATS = 1000, 24
+"""Pixels of the coarse level, about, and hat functions along the longer side of its images."""
 
 POINTS, LARGE_POINTS = 63, 48
 """Along the longer side of the wall, at least, where derivatives are computed, of large patches A
@@ -89,11 +88,6 @@ class CalibrationProblem:
         """The hidden surfaces, in patches as the search has them."""
         return self._in_patches(MOST_PATCHES)
 
-    @cached_property
-    def _large_patches(self) -> Hidden:
-        longest = max(map(max, self.hidden.shapes.values()))
-        return self._in_patches(max(1, longest // LARGER))
-
     @property
     def has_unknown_images(self) -> bool:
         """Whether the monitor showed an unknown image in one of the photographs."""
@@ -112,14 +106,14 @@ class CalibrationProblem:
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
-        smooth = SmoothImages.hats(self._large_patches, self._large_patches)
-        return self._level(0.0, smooth, self._large_patches, points=1)
+        return self._level(0.0, self._smooth, points=1)
 
     def large(self) -> ResolutionLevel | None:
         """Return the level of unknown images in large patches, if there are any."""
         if not self.has_unknown_images:
             return None
-        hidden = self._large_patches
+        longest = max(map(max, self.hidden.shapes.values()))
+        hidden = self._in_patches(max(1, longest // LARGER))
         return self._level(PIXELS_A_PATCH, self._sharp(hidden), hidden, points=LARGE_POINTS)
 
     def fine(self) -> ResolutionLevel:
@@ -149,7 +143,7 @@ class CalibrationProblem:
 
     @property
     def _smooth(self) -> SmoothImages:
-        return SmoothImages.hats(self.hidden, self._in_patches(HATS))
+        return SmoothImages.hats(self.hidden, self._in_patches(COARSE_HATS))
 
     def _sharp(self, hidden: Hidden) -> SharpImages:
         return SharpImages(hidden, self.photographs[0].channels)

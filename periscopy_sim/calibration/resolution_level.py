@@ -173,14 +173,6 @@ class ResolutionLevel:
         """(P + K,) the prior's mean: no gain."""
         return np.concatenate([self.centers, np.zeros(len(self.terms))])
 
-    @property
-    def quick(self) -> ResolutionLevel:
-        """The level without `finer`: its A is faster to compute, and errs at thin occluders.
-
-        A tripod's objective was 180 lower at its end than at the truth; with `finer`, 26.
-        """
-        return replace(self, finer=None)
-
     def values(self, point: Array) -> Array:
         """Return a point's parameters, (P,)."""
         return np.asarray(point[: len(self.centers)])

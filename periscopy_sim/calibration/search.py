@@ -33,7 +33,7 @@ from periscopy_sim.numerics import Array
 
 COOLING = 300.0, 100.0, 30.0, 10.0, 3.0
 """Temperatures of the coarse descent from the prior's centre, a photograph: from 30 on, the real
-chair loses 1.7 dB; without this descent, 2.1 dB."""
+chair loses 1.7 dB."""
 
 HOTTEST = 16.0
 """Temperature, a photograph, from which fine descents and the last ones halve it. From 128 a real
@@ -54,6 +54,9 @@ PROPOSED = 24
 LARGE_COOLING, LARGE_SURVIVORS = (32.0, 8.0), (6, 4, 3)
 """Temperatures of descents in large patches, a photograph; and how many of these start, and go on
 after each."""
+
+STARTS = 6
+"""Most places from which fine descents start, those of smooth images before others."""
 
 SURVIVORS = 3, 2
 """How many fine descents go on after `HOTTEST`, and after each temperature from then on, until the
@@ -199,8 +202,7 @@ class Search:
         values = self.fine.values(candidate.point)
         self._rows[stage].append(np.append(values, candidate.cost))
         coarse = len(COOLING) + sum(LARGE_SURVIVORS[:-1])
-        fine = 1 + LARGE_SURVIVORS[-1] + 2 * len(fine_cooling(self.fine.photographs))
-        fine += ROUNDS * (1 + ASIDES)
+        fine = STARTS + 1 + 2 * len(fine_cooling(self.fine.photographs)) + ROUNDS * (1 + ASIDES)
         most = DRAWS, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
@@ -214,8 +216,8 @@ class Search:
         own = level.look(level.candidate(level.center))
         for T in level.photographs * np.array(COOLING):
             own = self._descended(level, 1, own, T)
-        ends = _distinct([own, *self._proposed(drawn)])
-        first, *others = [self.fine.quick.candidate(look.point) for look in ends]
+        distinct = _distinct([own, *self._proposed(drawn)])[:STARTS]
+        first, *others = [self.fine.candidate(look.point) for look in distinct]
         return [first, *filter(_is_scene, others)]
 
     def _scanned(self) -> list[Candidate]:
@@ -242,23 +244,21 @@ class Search:
         looks = [level.look(each) for each in nsmallest(first, scenes, key=lambda each: each.cost)]
         for T, most in zip(LARGE_COOLING, survivors, strict=True):
             looks = [self._descended(level, 1, look, T * level.photographs) for look in looks]
-            looks = _distinct(sorted(looks, key=lambda look: look.objective))[:most]
+            looks = nsmallest(most, looks, key=lambda look: look.objective)
             if looks and level is self.large:
                 level, looks = _with_misfit(level, looks)
         return looks
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
-        first = level = self.fine.quick
-        cooling = fine_cooling(level.photographs)
+        level, cooling = self.fine, fine_cooling(self.fine.photographs)
         looks = [level.look(start, cooling[0]) for start in starts]
         for T in cooling:
-            looks = _distinct(_ranked([self._cooled(level, 2, look, T) for look in looks]))
-            looks = looks[: SURVIVORS[level is not first]]
-            if level is first:
+            looks = _ranked([self._cooled(level, 2, look, T) for look in looks])
+            looks = looks[: SURVIVORS[level is not self.fine]]
+            if level is self.fine:
                 level, looks = _with_misfit(level, looks)
-        level, look = _look_with_misfit(self.fine, looks[0].point, looks[0].temperature)
-        best = self._hopped(level, self._settled(level, look))
+        best = self._hopped(level, self._settled(level, looks[0]))
         self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
         return self._end(level, best)
 
@@ -375,7 +375,8 @@ class Search:
         from five rulers of a real chair a last descent lost 0, 0, 0.6, 0.6 and 1.2 dB.
         """
         edged = self.fine.with_edges(start)
-        edged, look = _look_with_misfit(edged, start.point, start.temperature)
+        edged = edged.with_misfit(edged.candidate(start.point))
+        look = edged.look(edged.candidate(start.point), start.temperature)
         for T in fine_cooling(edged.photographs):
             if start.temperature >= T:
                 colder = self._cooled(edged, 3, look, T)
@@ -408,22 +409,12 @@ def _is_scene(candidate: Candidate) -> bool:
 
 def _distinct(looks: Sequence[Look]) -> list[Look]:
     """Return looks without those in the valley of an earlier one, by the first one's curvature."""
-    if not looks:
-        return []
     curvature, kept = looks[0].curvature(), [looks[0]]
     for look in looks[1:]:
         steps = [look.point - other.point for other in kept]
         if min(step @ curvature @ step for step in steps) > 2**2 * NEGLIGIBLE:
             kept.append(look)
     return kept
-
-
-def _look_with_misfit(
-    level: ResolutionLevel, point: Array, temperature: float
-) -> tuple[ResolutionLevel, Look]:
-    """Return the level whose noise is like the residual at a point, and the look there."""
-    level = level.with_misfit(level.candidate(point))
-    return level, level.look(level.candidate(point), temperature)
 
 
 def _with_misfit(

@@ -400,7 +400,7 @@ def recover_silhouette(
         )
     averaged = [averaged_photograph(each, finest) for each in photographs]
     sizes = moving_scene.limit_sizes(
-        scenario.hidden, problem.MOST_PATCHES if shown else problem.HATS
+        scenario.hidden, problem.MOST_PATCHES if shown else problem.COARSE_HATS
     )
     patches = Hidden.of_scene(scenario.scene, sizes)
     place = _Place(scenario, shape, plane, patches)

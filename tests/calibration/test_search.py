@@ -26,7 +26,6 @@ class Valleys:
         is_physical=lambda values: values[0] >= -2, errors=np.ones(1), names=("place",)
     )
     values = staticmethod(lambda point: point)
-    quick = property(lambda self: self)
 
     def __init__(
         self, places: Sequence[float], bend: float = 1000.0, told: float = 1.0, depth: float = 500.0
@@ -59,7 +58,7 @@ class Valleys:
 
 
 def test_fine_descents_start_once_in_each_valley_first_in_the_priors_own() -> None:
-    level: Any = Valleys([0.0, 1.6], depth=0.0)
+    level: Any = Valleys([0.0, 1.6])
     own, other = Search(level, level, level, level, 0).starts()
     assert own.point == pytest.approx(0, abs=0.1) and other.point == pytest.approx(1.6, abs=0.1)
 
