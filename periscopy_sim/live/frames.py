@@ -138,6 +138,10 @@ FileVersion = tuple[int, str, int]
 """Time of a file's last change, ns, its name and its size, bytes; a later one is larger."""
 
 
+def _version(name: str, state: os.stat_result) -> FileVersion:
+    return state.st_mtime_ns, name, state.st_size
+
+
 class CameraFolder:
     """A folder into which a camera writes photographs, of one format; the newest one counts.
 
@@ -179,8 +183,7 @@ class CameraFolder:
             for entry in entries:
                 with suppress(OSError):  # removed meanwhile, or a link that leads nowhere
                     if entry.name[0] != "." and entry.is_file():
-                        state = entry.stat()
-                        present.add((state.st_mtime_ns, entry.name, state.st_size))
+                        present.add(_version(entry.name, entry.stat()))
         self._old = present if self._old is None else self._old
         self._done &= present
         for version in present - self._done:
@@ -204,6 +207,8 @@ class CameraFolder:
                 if is_new and not any(stream.read()):
                     return None
             light, warnings = self._read_file(file)
+            if _version(name, file.stat()) != version:
+                return None  # written anew since the look: the next one sees another version
         except (OSError, PhotographError) as error:
             self._failures[version] = str(error)
             if not is_new:

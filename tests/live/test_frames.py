@@ -10,7 +10,8 @@ import tifffile
 
 from periscopy_sim.errors import PeriscopyError, PhotographError
 from periscopy_sim.live import frames
-from periscopy_sim.live.frames import Latest, open_source
+from periscopy_sim.live.frames import CameraFolder, Latest, open_source
+from periscopy_sim.storage.photographs import read_sensor_image
 
 RNG = np.random.default_rng(2)
 
@@ -150,6 +151,22 @@ def test_a_file_of_its_full_size_is_read_when_it_is_written_to_its_end(
     assert value_of(next(incoming)) == 5
     (tmp_path / "black.tif").write_bytes(tiff(0))  # dark to its last byte
     assert value_of(next(incoming)) == 0
+
+
+def test_a_file_written_anew_between_look_and_reading_is_one_frame(tmp_path, said, stopped):
+    file = tmp_path / "a.tif"
+    file.write_bytes(tiff(3))
+    anew = iter([tiff(5)])
+
+    def read(path):
+        for whole in anew:
+            path.write_bytes(whole)
+        return read_sensor_image(path)
+
+    incoming = CameraFolder(tmp_path, read).frames(stopped, said.append)
+    assert value_of(next(incoming)) == 5
+    Thread(target=lambda: stopped.wait(0.3) or (tmp_path / "b.tif").write_bytes(tiff(6))).start()
+    assert value_of(next(incoming)) == 6 and not said
 
 
 CAMERA = """
