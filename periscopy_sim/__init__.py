@@ -20,6 +20,7 @@ _FORMER = {"World", "Sweep", "run_sweep"}
 _SUCCESSORS = {
     "IterativePeriscope": "ps.NoiseAware",
     "Learned": "experiments/learned/unrolled.py:Unrolled in a copy of the repository",
+    "Sensor": "ps.add_noise, or NumPy's Generator.poisson of the photograph in electrons",
 }
 """What takes the place of names that are gone."""
 

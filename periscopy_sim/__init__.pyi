@@ -28,7 +28,7 @@ from .hidden import Hidden, Surface
 from .laboratory.build import build_laboratory, lab
 from .light import Light
 from .live.watch import watch
-from .measurement import Sensor, add_noise, composite
+from .measurement import add_noise, composite
 from .methods import find_method
 from .model.uncertainty import UncertainTransport
 from .photograph import ColourMatrix, Photograph
@@ -85,7 +85,6 @@ __all__ = [
     "Reconstruction",
     "Scenario",
     "Scene",
-    "Sensor",
     "Silhouette",
     "Surface",
     "Sweep",

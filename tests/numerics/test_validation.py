@@ -44,7 +44,6 @@ def test_photographs_name_what_is_no_number_or_no_image(scene):
         (lambda _: ps.add_noise("y.npy", 60, 0), "photograph"),
         (lambda _: ps.composite(WALL, WALL, "1"), "sbr"),
         (lambda _: ps.composite(WALL, ps.Background(WALL, 0, 0), 1), "background"),
-        (lambda _: ps.Sensor("5000"), "electrons"),
         (lambda _: Sweep(world(), 1), "sbrs"),
         (lambda _: Sweep(world(), ["1"]), "sbrs"),
         (lambda _: Sweep(world(), [1], "60"), "snrs"),
