@@ -4,6 +4,7 @@ PyLops and the like take the operator. The tensors are differentiable, on any de
 """
 
 import math
+from collections.abc import Iterable
 from copy import copy
 from typing import Any
 
@@ -13,7 +14,8 @@ from scipy.sparse.linalg import LinearOperator
 
 from periscopy_sim.errors import require
 from periscopy_sim.hidden import Hidden, Size
-from periscopy_sim.model.transport_operator import Matrix, checked_transport, row_blocks
+from periscopy_sim.numerics import Image
+from periscopy_sim.numerics.validation import checked_matrix
 from periscopy_sim.scenario import Scenario
 
 
@@ -34,7 +36,7 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     """
 
     def __init__(
-        self, A: Matrix, hidden: Hidden, photograph_shape: Size, channel_gain: NDArray[Any]
+        self, A: Any, hidden: Hidden, photograph_shape: Size, channel_gain: NDArray[Any]
     ) -> None:
         (M, N), C = A.shape, channel_gain.shape[-1]
         super().__init__(np.dtype(getattr(A, "dtype", np.float32)), (C * M, C * N))
@@ -52,19 +54,24 @@ class ImageOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     def _matmat(self, X: NDArray[Any]) -> NDArray[Any]:
         f = self._planes(X)
         y = np.empty((self.A.shape[0], f.shape[1]), self.dtype)
-        for rows, block in row_blocks(self.A):
+        for rows, block in self._row_blocks():
             y[rows] = block @ f
         return self._coloured(y).reshape(-1, X.shape[1])
 
     def _rmatmat(self, Y: NDArray[Any]) -> NDArray[Any]:
         y = self._coloured(self._planes(Y))
         f = np.zeros((self.A.shape[1], y.shape[1]), self.dtype)
-        for rows, block in row_blocks(self.A):
+        for rows, block in self._row_blocks():
             f += block.T @ y[rows]
         return f.reshape(-1, Y.shape[1])
 
     def _rmatvec(self, y: NDArray[Any]) -> NDArray[Any]:
         return self._rmatmat(y.reshape(-1, 1)).ravel()
+
+    def _row_blocks(self) -> Iterable[tuple[slice, Image]]:
+        """Return the rows of an array at once, or in the blocks that A makes of them."""
+        streams: bool = hasattr(self.A, "row_blocks")
+        return self.A.row_blocks() if streams else [(slice(None), self.A)]
 
     def _planes(self, X: NDArray[Any]) -> NDArray[Any]:
         """Return (C n, K) as (n, C K), of A's type."""
@@ -104,7 +111,7 @@ def transport_operator(transport: Any, scene: Any = None) -> ImageOperator:
         from periscopy_sim.rendering.transport import transport as transport_of
 
         scene, transport = transport, transport_of(transport)
-    A = checked_transport(transport)
+    A = transport if hasattr(transport, "row_blocks") else checked_matrix(transport, "A")
     if scene is None:
         return ImageOperator(A, Hidden.of((1, A.shape[1])), (1, A.shape[0]), np.ones(3))
     hidden, shape = Hidden.of(scene.hidden), scene.photograph_shape

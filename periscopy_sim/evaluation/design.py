@@ -26,7 +26,7 @@ from periscopy_sim.evaluation.metrics import write_table
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.measurement import noise_level, noise_to_signal
 from periscopy_sim.model.fit import Fit
-from periscopy_sim.model.transport_operator import RANK_TOLERANCE, as_array
+from periscopy_sim.model.transport_operator import RANK_TOLERANCE
 from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.differencing import neighbour_differences
@@ -92,7 +92,7 @@ def diagnose(
     surfaces = Hidden.of(hidden)
     fit = Fit(A, B, hidden=surfaces, photograph_shape=photograph_shape, conditions=photograph)
     mask = None if photograph is None else photograph.mask
-    used, B = as_array(fit.rows), fit.used(fit.whole_background)
+    used, B = fit.rows, fit.used(fit.whole_background)
     P = form_preconditioner(used, B, rank_tolerance=rank_tolerance)
     alone = form_preconditioner(used)
     A, matrix = P.A, P.matrix()

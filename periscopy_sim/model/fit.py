@@ -174,7 +174,7 @@ class Fit:
     no light; when used first, if A or B is not finite in the pixels used, or B explains all of A.
     """
 
-    A: transport_operator.Matrix  # (M, N) light transport matrix
+    A: Image  # (M, N) light transport matrix
     B: Image | None = None  # (M, L) prototype backgrounds
     _: KW_ONLY
     hidden: Hidden  # the surfaces of the N patches
@@ -194,7 +194,7 @@ class Fit:
     uncertain: UncertainTransport | None = None  # what the scene's errors do to light; None: right
 
     def __post_init__(self) -> None:
-        vars(self)["A"] = transport_operator.checked_transport(self.A)  # the fields are frozen
+        vars(self)["A"] = checked_matrix(self.A, "A")  # the fields are frozen
         if self.B is not None:
             vars(self)["B"] = checked_matrix(self.B, "B")
         (M, N), B, gain = self.A.shape, self.B, self.channel_gain
@@ -236,9 +236,7 @@ class Fit:
             return np.hstack([w * own.slopes(image)[:, fit.kept] for w, own, fit in each])
 
         all_count = len(known) == len(fits) and len({each.names for each in known}) == 1
-        A = np.concatenate(
-            [np.float32(w) * np.asarray(fit.rows) for w, fit in zip(weights, fits, strict=True)]
-        )
+        A = np.concatenate([np.float32(w) * fit.rows for w, fit in zip(weights, fits, strict=True)])
         uncertain = replace(known[0], slopes=slopes) if all_count else None
         whole = cls(A, hidden=first.hidden, uncertain=uncertain)
         Q = linalg.block_diag(*(fit.basis for fit in fits))
@@ -392,9 +390,9 @@ class Fit:
         return np.ascontiguousarray(self.basis.T)
 
     @cached_property
-    def rows(self) -> transport_operator.Matrix:
+    def rows(self) -> Image:
         """(M', N) the rows of A used: a copy only where there is a mask."""
-        return self.A if self.mask is None else transport_operator.used_rows(self.A, self.mask)
+        return self.A[self.kept]
 
     @cached_property
     def operator(self) -> transport_operator.TransportOperator:
@@ -404,7 +402,7 @@ class Fit:
     @cached_property
     def norm(self) -> float:
         """‖A⊥‖_F."""
-        least = max(PRECISION, precision_of(np.asarray(self.A))) ** 2
+        least = max(PRECISION, precision_of(self.A)) ** 2
         if not self.operator.squared_norm > least * self.operator.whole_squared_norm:
             raise InputError(transport_operator.NOTHING_LEFT)
         return float(np.sqrt(self.operator.squared_norm))
@@ -430,7 +428,7 @@ class Fit:
     @cached_property
     def least_curvature(self) -> float:
         """Fraction of the largest curvature up to which a curvature counts as rounding of A."""
-        return max(transport_operator.ROUNDING, precision_of(np.asarray(self.A)) ** 2)
+        return max(transport_operator.ROUNDING, precision_of(self.A) ** 2)
 
     @cached_property
     def visible(self) -> slice:

@@ -2,15 +2,12 @@
 
     A⊥ = A − Q QᵀA,   Q an orthonormal basis of range(B)
 
-A may be an array, a memory map, or blocks of rows that are made anew in every pass.
-
 Q spans what the model leaves free beside the hidden image: B, photographs of ambient light, and
 smooth profiles over the wall.
 """
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -18,7 +15,7 @@ from numpy.typing import DTypeLike
 from scipy import linalg
 from scipy.sparse.linalg import LinearOperator
 
-from periscopy_sim.numerics import Array, Image, Mask, cast_columns, precision_of, products
+from periscopy_sim.numerics import Array, Image, cast_columns, precision_of, products
 from periscopy_sim.numerics.validation import InputError, checked_matrix
 
 RANK_TOLERANCE = 1e-10
@@ -133,55 +130,17 @@ RIDGE = float(np.sqrt(np.finfo(np.float64).eps))
 NOTHING_LEFT = "B explains all of A, as where no occluder casts a shadow, or pixels are few"
 
 
-class RowBlocks(Protocol):
-    """A matrix that is known by blocks of consecutive rows."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(M, N)."""
-
-    def row_blocks(self) -> Iterator[tuple[slice, Image]]:
-        """Yield every block once, in order, with the rows that it holds."""
-
-
-Matrix: TypeAlias = Image | RowBlocks
-
-
-def checked_transport(A: Any) -> Matrix:
-    """Return what streams its rows as it is, anything else by `checked_matrix`."""
-    streams: bool = hasattr(A, "row_blocks")
-    return A if streams else checked_matrix(A, "A")
-
-
-def as_array(A: Matrix) -> Image:
-    """Return the rows of A, (M, N), as an array."""
-    return A if isinstance(A, np.ndarray) else used_rows(A, np.ones(A.shape[0], bool))
-
-
-def row_blocks(A: Matrix) -> Iterator[tuple[slice, Image]]:
-    """Yield the rows of an array at once, or those of `RowBlocks`."""
-    if isinstance(A, np.ndarray):
-        yield slice(0, len(A)), A
-    else:
-        yield from ((rows, checked_matrix(block, "A")) for rows, block in A.row_blocks())
-
-
-def used_rows(A: Matrix, mask: Mask) -> Image:
-    """Return a copy of the rows of A, (M, N), where the mask, (M,), is True."""
-    return np.concatenate([block[mask[rows]] for rows, block in row_blocks(A)])
-
-
 class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no types
     """A⊥ = A − Q QᵀA as a SciPy linear operator, by passes over A's rows.
 
-    A is (M, N), an array or memory map of real numbers, or `RowBlocks`; Q is (M, r) orthonormal
-    columns, or None. `QtA` is QᵀA, (r, N); the squared norms are ‖A‖_F², of the whole, and ‖A⊥‖_F².
-    It raises a ValueError if A is no such matrix or not finite, the rows of Q do not match A's, or
-    A⊥ is nothing.
+    A is (M, N), an array or memory map of real numbers; Q is (M, r) orthonormal columns, or None.
+    `QtA` is QᵀA, (r, N); the squared norms are ‖A‖_F², of the whole, and ‖A⊥‖_F². It raises a
+    ValueError if A is no such matrix or not finite, the rows of Q do not match A's, or A⊥ is
+    nothing.
     """
 
-    def __init__(self, A: Matrix, Q: Array | None = None) -> None:
-        A = checked_transport(A)
+    def __init__(self, A: Image, Q: Array | None = None) -> None:
+        A = checked_matrix(A, "A")
         super().__init__(np.dtype(np.float64), A.shape)
         self.A = A
         self.Q = np.zeros((A.shape[0], 0)) if Q is None else np.ascontiguousarray(Q)
@@ -276,8 +235,6 @@ class TransportOperator(LinearOperator):  # type: ignore[misc]  # SciPy has no t
     def _blocks(
         self, count: int = 256, dtype: DTypeLike = np.float64
     ) -> Iterator[tuple[slice, Image]]:
-        for rows, block in row_blocks(self.A):
-            for start in range(0, len(block), count):
-                part = np.asarray(block[start : start + count], dtype)
-                first = rows.start + start
-                yield slice(first, first + len(part)), part
+        for start in range(0, len(self.A), count):
+            part = np.asarray(self.A[start : start + count], dtype)
+            yield slice(start, start + len(part)), part

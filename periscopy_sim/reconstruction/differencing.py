@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
-from periscopy_sim.model.transport_operator import as_array
 from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.reconstruction.method import Precision, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.penalized_likelihood import Objective, Schedule
@@ -210,10 +209,8 @@ class Differencing(StillMethod[np.float64]):
     @cached_property
     def _inverse(self) -> Preconditioner:
         """The pseudoinverse of D A, photographs with the monitor off projected out."""
-        DA, patches = (
-            self._differenced(np.asarray(as_array(self.fit.rows), np.float64)),
-            self.hidden.patches,
-        )
+        DA = self._differenced(np.asarray(self.fit.rows, np.float64))
+        patches = self.hidden.patches
         if self.fit.mask is not None and len(DA) < patches:
             raise validation.InputError(
                 f"the mask leaves {len(DA)} differences of neighbouring pixels for {patches} "
@@ -277,7 +274,7 @@ class Differencing(StillMethod[np.float64]):
     ) -> tuple[Array, tuple[int, float]]:
         """Return a channel's image where the published code stops, and its iterations."""
         mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
-        mean_entry = float(np.mean(as_array(self.fit.rows), dtype=np.float64))
+        mean_entry = float(np.mean(self.fit.rows, dtype=np.float64))
         unit, white = PUBLISHED_ENTRY / mean_entry, float(np.abs(mean).mean())
         first = start[:, channel].reshape(self.hidden_shape)
         image, iterations = descend_as_published(

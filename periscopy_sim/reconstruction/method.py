@@ -150,7 +150,7 @@ class StillMethod(ABC, Generic[Precision]):
     Parameters
     ----------
     A
-        (M, N) light transport matrix: an array, or what streams its rows by ``row_blocks``.
+        (M, N) light transport matrix.
     B
         (M, L) prototype backgrounds; None for none. Methods that model no backgrounds ignore them.
     hidden

@@ -25,7 +25,7 @@ from scipy import linalg, ndimage
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import residual_noise
-from periscopy_sim.model.transport_operator import RANK_TOLERANCE, as_array, background_basis
+from periscopy_sim.model.transport_operator import RANK_TOLERANCE, background_basis
 from periscopy_sim.numerics import Array, Image, Mask, precision_of, products, validation
 from periscopy_sim.reconstruction import method
 from periscopy_sim.reconstruction.total_variation import prox_total_variation, solve_total_variation
@@ -246,7 +246,7 @@ class Periscope(method.StillMethod[np.floating[Any]]):
     @cached_property
     def preconditioner(self) -> Preconditioner:
         """P in factored form."""
-        return form_preconditioner(as_array(self.fit.rows), self.fit.basis)
+        return form_preconditioner(self.fit.rows, self.fit.basis)
 
     @cached_property
     def _matrix(self) -> Image:

@@ -76,7 +76,7 @@ class TruncatedSVD(StillMethod[np.floating[Any]]):
         N = self.hidden.patches
         rank = max(round(self.fraction * N), 1)
         energy, V = linalg.eigh(self.fit.operator.gram, subset_by_index=(N - rank, N - 1))
-        if not energy[0] > max(1e-14, precision_of(np.asarray(self.fit.A)) ** 2) * energy[-1]:
+        if not energy[0] > max(1e-14, precision_of(self.fit.A) ** 2) * energy[-1]:
             raise InputError(
                 f"A has fewer than {rank} singular values above rounding: keep a smaller fraction "
                 f"than {self.fraction}"

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import LinearOperator
 
-from periscopy_sim.model import transport_operator
 from periscopy_sim.model.transport_operator import (
     TransportOperator,
     background_basis,
@@ -18,7 +17,6 @@ from periscopy_sim.numerics import precision_of
 from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.testing import adjoint_test
 from tests.scenes import penumbrae
-from tests.scenes.blocks import Blocks
 from tests.scenes.penumbrae import kept_basis
 
 M = 400
@@ -174,13 +172,9 @@ def memory_map(A, folder):
     return np.load(folder / "A.npy", mmap_mode="r")
 
 
-def in_blocks(A, _):
-    return Blocks(A)
-
-
 kinds = pytest.mark.parametrize(
     "kind",
-    [in_memory, read_only, transposed, memory_map, in_blocks],
+    [in_memory, read_only, transposed, memory_map],
     ids=lambda kind: kind.__name__,
 )
 
@@ -223,11 +217,3 @@ def test_a_matrix_that_the_backgrounds_explain_is_refused():
     Q = basis()
     with pytest.raises(ValueError, match="B explains all of A"):
         TransportOperator(Q @ np.ones((4, 6)), Q)
-
-
-@kinds
-def test_used_rows_are_those_of_the_mask(kind, tmp_path):
-    A, mask = matrix(patches=300), np.random.default_rng(2).random(41) < 0.6
-    mask[3:9] = False  # two blocks of three in which nothing is used
-    used = transport_operator.used_rows(kind(A, tmp_path), mask)
-    np.testing.assert_array_equal(used, A[mask])
