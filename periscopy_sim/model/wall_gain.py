@@ -9,9 +9,7 @@ p_k the polynomials of degree ≤ 2 over the wall, without the constant, which n
 determines. A first image f₀ determines the few a_k, by least squares on the part of y that no
 hidden image and no ambient light explain:
 
-    â = argmin_a Σ_channels ‖(I − F Fᵀ)(y − Σ_k a_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S],
-
-but for the patterns of A that hide beneath the noise.
+    â = argmin_a Σ_channels ‖(I − F Fᵀ)(y − Σ_k a_k p_k A f₀)‖² / σ²,   F a basis of [A, B, S].
 
 S, the polynomials of degree ≤ 5, accounts for the smooth ambient light that B lacks. The correction
 subtracts the gain's light, Σ_k â_k p_k A f₀: to divide y by the gain would bend the ambient light,
@@ -54,11 +52,6 @@ BOUNDS = 0.2, 5.0
 LEAST_UNEXPLAINED = 1e-5
 """Norm of a polynomial's part outside [A, B] that counts as zero: single precision's. At 3e-5 the
 image of a real photograph changes by 0.9 %, and one of a painted wall by 6.6 %."""
-
-
-FAINT, PLAIN, BLOCK = 0.01, 2.0, 64
-"""Energies of f₀'s light and of y in the weakest patterns, over that of the noise, up to which F
-lacks them, in blocks: half of 1,044 patterns, and half of the time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +118,8 @@ class WallGain:
         """
         count, σ = len(self._terms), noise[:, None]
         f = image.astype(np.float32)
-        expected = self._fit.coordinates_of(f)
-        kept = slice(hidden_by_noise(expected / σ, coordinates / σ), None)
-        lights = self._fit.lights[kept]
-        both = np.concatenate([expected, coordinates.astype(np.float32)])[:, kept]
+        lights = self._fit.lights
+        both = np.concatenate([self._fit.coordinates_of(f), coordinates.astype(np.float32)])
         signal, explained = combine_rows(both, lights).reshape(2, *y.shape)  # read once
         signal = (signal + combine_rows(times_rows(f, self._QtA), self._background)) / σ
         light = (self._used_terms[:, None] * signal).reshape(-1, y.shape[1])
@@ -145,7 +136,7 @@ class WallGain:
         a, probability = np.zeros(count), 1.0
         if compared.size and np.linalg.eigvalsh(H / np.outer(sizes, sizes))[0] > RESOLVED**2:
             a = np.asarray(np.linalg.solve(H, q), np.float64)
-            scaled = times_rows(f, self._basis[kept]) * self._scales[kept] / σ
+            scaled = times_rows(f, self._basis) * self._scales / σ
             errors = self._errors_of_transport(r, shown, scaled, f / σ)
             C = np.linalg.cholesky(H)
             white = (np.linalg.solve(C, part) for part in (errors, -q))
@@ -184,19 +175,6 @@ class WallGain:
         kept = rest[sizes[:, 0] > LEAST_UNEXPLAINED]
         _, sines, basis = np.linalg.svd(kept, full_matrices=False)
         return np.ascontiguousarray(basis[sines > RESOLVED], np.float32)
-
-
-def hidden_by_noise(expected: Image, coordinates: Array) -> int:
-    """Return how many of the weakest patterns show noise alone, but for a block of them.
-
-    The coordinates of f₀'s light and of y are (C, N'), over σ.
-    """
-    counts = np.arange(1, expected.shape[1] + 1)
-    faint, plain = (
-        np.cumsum(np.mean(each.astype(np.float64) ** 2, axis=0)) < most * counts
-        for each, most in ((expected, FAINT), (coordinates, PLAIN))
-    )
-    return int(np.argmin([*(faint & plain), False])) // BLOCK * BLOCK
 
 
 def polynomials(shape: tuple[int, int], lowest: int, highest: int) -> Array:
