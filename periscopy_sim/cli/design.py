@@ -111,8 +111,6 @@ def design(
     names = [] if images == "none" else options.parse_list("--images", images)
     if by == "reported" and not names:
         raise ps.PeriscopyError("--by reported needs images; leave --images out")
-    for name in names:
-        ps.find_image(name)
     session.check_scene()
     scenario = session.lit(light)
     with output.progress("designing", "scenes") as report:

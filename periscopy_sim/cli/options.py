@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -21,6 +21,8 @@ from periscopy_sim.numerics import validation
 from periscopy_sim.reconstruction.registry import METHODS, Option
 from periscopy_sim.scene import CAMERA, SceneDocument
 from periscopy_sim.storage.places import place
+
+Value = TypeVar("Value")
 
 SCENE, PHOTOGRAPH, LIGHT = "Scene", "Photograph", "Light"
 SOLVER, OUTPUT, EXPERT = "Solver", "Output", "Expert"
@@ -258,20 +260,20 @@ VideoNumbers = Annotated[MethodNumbers, FOR_VIDEOS]
 # -- forms of values -----------------------------------------------------------------------------
 
 
-def files_of_view(
-    flag: str, entries: Iterable[Path] | None, cameras: Sequence[str]
-) -> dict[str, list[Path]]:
-    """Return the files of each view by its camera, from ``FILE``s of one, ``CAMERA=FILE`` else."""
-    files = {camera: list[Path]() for camera in cameras}
-    for entry in entries or ():
-        camera, equals, name = str(entry).partition("=")
-        if entry.exists() or not equals:
-            camera, name = cameras[0] if len(cameras) == 1 else "", str(entry)
-        if camera not in files:
-            form = " ".join(f"{flag} {each}=FILE" for each in cameras)
-            raise PeriscopyError(f"{flag} {entry}: name the view that it belongs to: {form}")
-        files[camera].append(Path(name))
-    return files
+def by_name(
+    flag: str, entries: Iterable[Any] | None, names: Iterable[str], kind: Callable[[str], Value]
+) -> dict[str, list[Value]]:
+    """Return what is given of each name: ``VALUE`` of the only one, or ``NAME=VALUE`` of each."""
+    values = {name: list[Value]() for name in names}
+    for entry in map(str, entries or ()):
+        name, equals, value = entry.partition("=")
+        if len(values) == 1 and not (equals and name in values):
+            name, value = next(iter(values)), entry
+        if name not in values:
+            form = " ".join(f"{flag} {each}=..." for each in values)
+            raise PeriscopyError(f"{flag} {entry}: name what it belongs to: {form}")
+        values[name].append(kind(value))
+    return values
 
 
 def _pairs(flag: str, entries: Iterable[str]) -> dict[str, str]:

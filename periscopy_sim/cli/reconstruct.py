@@ -63,7 +63,7 @@ def reconstruct(
     text = "" if uncertain in (None, "none") else str(uncertain)
     views = session.views(photo)
     session = next(iter(views.values()))
-    matrices = options.files_of_view("--transport", matrix, list(views))
+    matrices = options.by_name("--transport", matrix, views, Path)
     several = len(views) > 1
     if several:
         able = [name for name, entry in METHODS.items() if entry.views]

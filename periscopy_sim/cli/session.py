@@ -155,15 +155,11 @@ class Session(options.OptionGroup):
 
     def by_surface(self, entries: Sequence[str], flag: str) -> dict[str, str]:
         """Read ``VALUE`` of the only hidden surface, or ``ID=VALUE`` of each, by the ids."""
-        first, *others = hidden = self.scenario.hidden
-        if len(entries) == 1 and not (others or entries[0].startswith(f"{first}=")):
-            return {first: entries[0]}
-        pairs = dict(entry.split("=", 1) for entry in entries if "=" in entry)
-        if len(pairs) < len(entries) or pairs.keys() != hidden.keys():
-            form = ", ".join(f"{name}=..." for name in hidden)
-            wrong = "".join(f" {name}=..." for name in pairs if name not in hidden)
-            raise ps.PeriscopyError(f"{flag}{wrong}: name each hidden surface once: {form}")
-        return pairs
+        pairs = options.by_name(flag, entries, self.scenario.hidden, str)
+        if any(len(values) != 1 for values in pairs.values()):
+            form = ", ".join(f"{name}=..." for name in pairs)
+            raise ps.PeriscopyError(f"{flag}: name each hidden surface once: {form}")
+        return {name: value for name, (value,) in pairs.items()}
 
     def ambient_light(self, name: str | Path, target: float = TARGET) -> "ps.Background":
         """Return ambient light: of a photograph, of no known error, or of a condition."""
@@ -220,7 +216,7 @@ class WallSession(Session):
         """Return the files of the mask, of which the last counts, and with the monitor off."""
         flags = {"--mask": self.mask, "--monitor-off": self.monitor_off}
         masks, monitor_off = (
-            options.files_of_view(flag, entries, [self.sensor])[self.sensor]
+            options.by_name(flag, entries, [self.sensor], Path)[self.sensor]
             for flag, entries in flags.items()
         )
         return next(reversed(masks), None), monitor_off
@@ -296,8 +292,8 @@ class PhotoSession(WallSession):
             )
         if len(cameras) > 1:
             check_file_names(self.path, cameras)
-        masks = options.files_of_view("--mask", self.mask, cameras)
-        off = options.files_of_view("--monitor-off", self.monitor_off, cameras)
+        masks = options.by_name("--mask", self.mask, cameras, Path)
+        off = options.by_name("--monitor-off", self.monitor_off, cameras, Path)
         views = {each: copy(self) for each in cameras}
         for each, view in views.items():
             view.camera, view.mask, view.monitor_off = [each], masks[each], off[each]

@@ -23,8 +23,7 @@ from periscopy_sim.errors import SWEEP, ConfigurationError, OutputError, did_you
 from periscopy_sim.evaluation.sweep_store import read_sweep
 from periscopy_sim.figures import style, sweeps
 from periscopy_sim.numerics.validation import RANGES, in_range, number_of
-from periscopy_sim.shipped import DARK
-from periscopy_sim.storage import formats, outputs
+from periscopy_sim.storage import outputs
 from periscopy_sim.storage.places import place
 from periscopy_sim.storage.store import attributes_of
 
@@ -150,7 +149,7 @@ def sweep(
 
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
-    from periscopy_sim.evaluation.study import SweepWork, conditions_of
+    from periscopy_sim.evaluation.study import SweepWork
     from periscopy_sim.evaluation.workers import thread_count
 
     names = options.parse_list("--methods", methods)
@@ -167,11 +166,6 @@ def sweep(
     for name, by in {**dict.fromkeys(session.definitions, "-D"), **given}.items():
         if by and name in axes:
             raise ps.PeriscopyError(f"{varies} {name}: {by} gives {name}, too; give one of them")
-    places = options.parse_list("--ambient", ambient)
-    if places == [DARK] and given["sbr"]:
-        raise ps.PeriscopyError(f"--sbr: --ambient {DARK} has no SBR; leave one of them out")
-    for file in filter(None, conditions_of(places).values()):
-        formats.format_of(file)  # before the scene is loaded
     if "hidden" in axes:
         session = replace(session, hidden=[str(axes["hidden"][0])])
     light.check_methods(*names)
@@ -193,7 +187,8 @@ def sweep(
             session.warn(each) if isinstance(each, str) else session.warn_of([each])
 
     results = ps.sweep(
-        session.lit(light), shown, out, methods=names, ambient=places, flips=flips, seeds=seeds,
+        session.lit(light), shown, out, methods=names,
+        ambient=options.parse_list("--ambient", ambient), flips=flips, seeds=seeds,
         vary=axes, **levels, photograph=wall, mask=mask, monitor_off=monitor_off,
         scheduler=scheduler, planned=planned,
         timed=lambda method, taken: seconds[method].append(taken), noted=noted,
@@ -236,7 +231,7 @@ def _shown(session: WallSession, entries: Sequence[str], flag: str) -> dict[str,
         pictures = session.by_surface(entries, flag)
         return {",".join(f"{name}={Path(each).stem}" for name, each in pictures.items()): pictures}
     (surface,), files = session.scenario.hidden, list[str]()
-    listed = ",".join(text.removeprefix(f"{surface}=") for text in entries)
+    listed = ",".join(options.by_name(flag, entries, [surface], str)[surface])
     for entry in map(str.strip, listed.split(",")):
         path = Path(entry)
         held = sorted(path.glob("[!.]*")) if path.is_dir() else [entry]

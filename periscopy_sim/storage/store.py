@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,6 @@ from numpy.typing import NDArray
 from periscopy_sim.errors import OutputError
 from periscopy_sim.storage import outputs, places
 from periscopy_sim.storage.provenance import check_settings
-
-if TYPE_CHECKING:
-    pass
 
 Block = tuple[int, ...]
 """Place of a block among the blocks, along each dimension that is cut."""

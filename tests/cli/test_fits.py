@@ -131,7 +131,10 @@ def test_wrong_id_is_named(refused, tmp_path):
     np.save(tmp_path / "y.npy", np.random.default_rng(0).random((24, 24, 3)) + 1)
     for words, reply in [
         (("--hidden", "bar=2x2"), "rename the shape hidden_bar"),
-        (("--truth", "monitor=mushroom", "--truth", "crad=letters"), "--truth crad=...: name each"),
+        (
+            ("--truth", "monitor=mushroom", "--truth", "crad=letters"),
+            "--truth crad=letters: name what",
+        ),
     ]:
         line = refused(
             "reconstruct", "y.npy", "--scene", path.name, *HIDDEN, *words, "--out", "out"

@@ -74,7 +74,7 @@ def test_wrong_surfaces_are_named(scene, refused):
         (("--hidden", "3x4", "--hidden", "hidden_card=3x2"), "'3x4'"),
         ((*HIDDEN, "--hidden", "monitor=3x4"), "name each once"),
         (("--hidden", "monitor=3x4", "--hidden", "hidden_card=3"), "'3' is not a size"),
-        ((*HIDDEN, "--truth", "monitor.npy"), "--truth: .* monitor=..., hidden_card=..."),
+        ((*HIDDEN, "--truth", "monitor.npy"), "--truth monitor.npy: .* --truth hidden_card=..."),
         ((*HIDDEN, "--truth", "monitor=monitor.npy"), "--truth: .* hidden_card=..."),
     ]:
         line = refused("reconstruct", "y.npy", "--scene", scene, *options, "--out", "out")

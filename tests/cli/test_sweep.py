@@ -341,7 +341,7 @@ def test_bad_input_is_one_line(refused):
         ({"vary": "scene=plate,plate.xml"}, "plate"),
         ({"truth": "truth.npy,y.npy"}, "--truth"),
         ({"study": "nothing.yaml"}, "nothing.yaml"),
-        ({"ambient": "none"}, "--ambient none"),
+        ({"ambient": "none"}, "--sbr: ambient none"),
         ({"ambient": "none,left.exr"}, "none alone"),
         ({"snr": "40,loud"}, "--snr loud"),
         ({"vary": "snr=0,.nan"}, "--vary snr=.nan"),

@@ -124,7 +124,7 @@ def test_wrong_views_are_named(scene, refused, tmp_path):
             "'a/[./]*x': give it an id",
         ),
         ("left.npy --camera left --camera right", "photographs: 1, cameras: left, right"),
-        ("left.npy right.npy {} --mask left_mask.png", "--mask left=FILE --mask right=FILE"),
+        ("left.npy right.npy {} --mask left_mask.png", "--mask left=... --mask right=..."),
         ("left.npy right.npy {} --monitor-off middle=left.npy", "--monitor-off middle=left.npy"),
         ("right.npy left.npy {}", "right.npy: 20 x 26 pixels"),
         (
