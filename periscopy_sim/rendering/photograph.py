@@ -7,7 +7,6 @@ smoothed as far as these allow, as ambient light is. A path tracer, which is old
 what this cannot.
 """
 
-import inspect
 import itertools
 import math
 import warnings
@@ -15,7 +14,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +33,6 @@ from periscopy_sim.rendering.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
 from periscopy_sim.rendering.wall_polynomials import chosen_sites
 from periscopy_sim.view import LIFT, Geometry, View, rises
-
-Given = ParamSpec("Given")
-Result = TypeVar("Result")
 
 SNR = 60.0
 """SNR, in dB, of the photographs that are made where none is asked for: the paper's."""
@@ -160,22 +156,17 @@ def rendering_of(
     return Rendering(picture.reshape(*scenario.photograph_shape, 3), math.hypot(error, rest), snr)
 
 
-def _with_parameters_of(
-    other: Callable[Given, Any],
-) -> Callable[[Callable[..., Result]], Callable[Given, Result]]:
-    """Let a function show the parameters of the other one, to which it gives them."""
-
-    def shown(function: Callable[..., Result]) -> Callable[Given, Result]:
-        signature = inspect.signature(other)
-        of_result = inspect.signature(function).return_annotation
-        vars(function)["__signature__"] = signature.replace(return_annotation=of_result)
-        return function
-
-    return shown
-
-
-@_with_parameters_of(rendering_of)
-def render_photograph(*given: Any, **named: Any) -> Array:
+def render_photograph(
+    scenario: Geometry,
+    image: NDArray[np.floating[Any]] | Mapping[str, NDArray[np.floating[Any]]],
+    *,
+    snr: float = SNR,
+    samples: int | None = None,
+    bounces: int | None = None,
+    only_monitor: bool = False,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Array:
     """Render a photograph of the wall while hidden surfaces show images.
 
     Parameters
@@ -211,7 +202,10 @@ def render_photograph(*given: Any, **named: Any) -> Array:
     RuntimeWarning
         The photograph's own error exceeds a third of the noise.
     """
-    rendering = rendering_of(*given, **named)
+    rendering = rendering_of(
+        scenario, image, snr=snr, samples=samples, bounces=bounces, only_monitor=only_monitor,
+        seed=seed, progress=progress,
+    )  # fmt: skip
     for line in excess_of(rendering.relative_error, rendering.made_for):
         warnings.warn(line, RuntimeWarning, stacklevel=2)
     return rendering.photograph

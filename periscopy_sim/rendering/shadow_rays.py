@@ -265,9 +265,9 @@ def require_light(A: NDArray[np.float32], scenario: Geometry) -> None:
 class RenderedTransport:
     """The matrix that `render_transport` gives for the same arguments, a block of rows at a time.
 
-    `model.transport_operator.TransportOperator` makes a SciPy linear operator of it, for solvers
-    that pass over A. Every pass traces all the rays again, and draws the same samples. Parameters
-    that `render_transport` rejects are a ValueError.
+    `transport_operator` makes a SciPy linear operator of it, for solvers that pass over A. Every
+    pass traces all the rays again, and draws the same samples. Parameters that `render_transport`
+    rejects are a ValueError.
     """
 
     scenario: Geometry
