@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import periscopy_sim as ps
+from periscopy_sim.methods import Name
 from periscopy_sim.reconstruction.registry import RAYS
 from periscopy_sim.rendering.load import check_media
 from periscopy_sim.rendering.nodes import SceneNodes
@@ -96,7 +97,7 @@ class FittedScene:
         """The noise-aware method, fitted."""
         return self.method("noise-aware")
 
-    def method(self, name: str, photograph: ps.Photograph | None = None) -> Any:
+    def method(self, name: Name, photograph: ps.Photograph | None = None) -> Any:
         """Return a method, fitted to the scene as if its numbers had no errors."""
         return self.scenario.method(name, photograph, errors={})
 

@@ -60,7 +60,7 @@ def recovered(results: xr.Dataset, truth: Array, **at: Any) -> list[tuple[str, A
     for method in results["algorithm"].values.tolist():
         cell = results.sel(algorithm=method, **at)
         image = ps.gain_matched(cell["reconstruction"].values, truth)
-        panels.append((f"{method}: {cell['mean_squared_error']:.3f}", image))
+        panels.append((f"{method.rpartition(':')[2]}: {cell['mean_squared_error']:.3f}", image))
     return panels
 
 

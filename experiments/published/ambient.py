@@ -8,6 +8,7 @@ photograph for the first.
 import numpy as np
 
 import periscopy_sim as ps
+from experiments.paper.as_published import Published
 from experiments.published.recovered import NATURE, OURS, PAPER, Recovered, picture, table
 from experiments.published.setting import AMBIENT, CHAIR, Capture, PublishedSetting
 from experiments.report import Claim, Section, Table, Verdict
@@ -80,7 +81,7 @@ def _recovered(
         PAPER: ("preconditioned", alone),
         PAPER_WITH: ("preconditioned", whole),
         NATURE: ("differencing", alone),
-        PUBLISHED: ("differencing-published", alone),
+        PUBLISHED: (Published, alone),
     }
     images = {
         title: scene.method(name, each).reconstruct(each) for title, (name, each) in asked.items()

@@ -6,22 +6,19 @@ References
 Nature, 2019.
 """
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.fit import Evidence
 from periscopy_sim.model.spectral_basis import SpectralBasis
 from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.reconstruction.method import Precision, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.penalized_likelihood import Objective, Schedule
 from periscopy_sim.reconstruction.preconditioned import Preconditioner, form_preconditioner
-from periscopy_sim.reconstruction.total_variation import solve_total_variation
 
 
 def neighbour_differences(
@@ -63,72 +60,14 @@ def neighbour_differences(
     return wrapped
 
 
-def descend_as_published(
-    gram: Array,
-    h: Array,
-    start: Array,
-    weight: float,
-    *,
-    unit: float,
-    white: float,
-    most: int = 1100,
-) -> tuple[Array, int]:
-    """Return the image, (R, C), where the published code of [15] stops, and its iterations.
+class NormalEquations(NamedTuple):
+    """‖D(A f − y)‖² of C channels, fᵀG f − 2 hᵀf and a constant, with what else follows from y."""
 
-    Accelerated proximal gradient steps (Beck and Teboulle, 2009) for ‖K f − b‖² + λ‖f‖_TV from the
-    least squares, `start`, (R, C); G = KᵀK is (N, N), h = Kᵀb is (N,). The step may grow fivefold
-    each time and is then shortened until the quadratic model, with the spectral norm of the step as
-    an image, bounds the data term. After a growth the proximal operator keeps the weight of the
-    shorter step, until the line search fails: this is how the published code has it, and why its
-    image wanders about the minimum, by some 10 % and depending on rounding, until its iterations
-    are used up. The proximal operator is solved to a relative duality gap of 1e-6, where the
-    published code waits for a relative change of 1e-6.
-
-    The numbers are those of the published code. The weight is λ ≥ 0, in [15], whose data term has
-    one half, λ/2. `unit` takes K to the units of [15], to which the first step, 1e-5, belongs;
-    `white` is the f that is 1 there, as for the spectral norm of an image's change over N, 2.4e-6
-    where the iterations end.
-    """
-
-    def product(f: Array) -> Array:
-        return (gram @ f.ravel()).reshape(f.shape)
-
-    def denoised(f: Array) -> Array:
-        flat = solve_total_variation(f.reshape(-1, 1), threshold, hidden, tolerance=1e-6)
-        return flat.image.reshape(f.shape)
-
-    def is_majorized(change: Array) -> bool:  # ½‖K f − b‖², whose linear part cancels
-        return float(np.sum(change * product(change))) <= _spectral_norm(change) ** 2 / step
-
-    hidden, f = Hidden.of(start.shape), start
-    z = f
-    step = 1e-5 * unit**2
-    t, threshold = 1.0, weight * step
-    for iteration in range(1, most + 1):
-        slope = product(z) - h.reshape(z.shape)
-        trial = denoised(z - step * slope)
-        while not is_majorized(trial - z):
-            step *= 0.3
-            threshold = weight * step
-            trial = denoised(z - step * slope)
-        change, f = trial - f, trial
-        if iteration > 10 and _spectral_norm(change) <= 2.4e-6 * white * f.size:
-            break
-        following = (1 + math.sqrt(1 + 4 * t * t)) / 2
-        z, t = f + (t - 1) / following * change, following
-        step *= 5.0
-    return f, iteration
-
-
-def _spectral_norm(image: Array) -> float:
-    return math.sqrt(max(float(np.linalg.eigvalsh(image @ image.T)[-1]), 0.0))
-
-
-Stop = Literal["converged", "published"]
-
-PUBLISHED_ENTRY, PUBLISHED_MEAN = 5e3, 0.25
-"""In the units of the published code of [15], for the chair experiment: the mean entry of A, and
-the mean that a hidden image is taken to have, where it decides when [15] stops."""
+    gram: Array  # (N, N) G = (D A)ᵀD A
+    right: Array  # (N, C) h = (D A)ᵀD y
+    start: Array  # (N, C) the minimum, G⁻¹ h
+    noise: Array  # (C,) of the differenced photograph: what D A cannot explain of it
+    level: Array  # (C,) root mean square of D y
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,7 +75,7 @@ class DifferencingResult(Solution[np.float64]):
     """A hidden image by differencing; the noise is that of the differenced photograph."""
 
     iterations: NDArray[np.int64]  # (channels,)
-    residual: Array  # (channels,) as in `NoiseAwareReconstruction`; NaN by the published steps
+    residual: Array  # (channels,) as in `NoiseAwareReconstruction`
 
     def numbers(self) -> dict[str, Any]:
         """Return the noise, the weights and the iterations."""
@@ -151,8 +90,8 @@ class Differencing(StillMethod[np.float64]):
     deviations of what noise adds to an entry of (D A)ᵀD y, and neither exposure nor albedo nor
     units need tuning. The weights that [15] chose by hand for each image are of that size.
 
-    Each channel is a problem of its own, with steps and an end of its own: those of the noise-aware
-    method, for D A in the place of A⊥, or those of the published code.
+    Each channel is a problem of its own, solved by the noise-aware method's steps with D A in the
+    place of A⊥. The published code stops before the minimum: `experiments.paper.as_published`.
 
     Parameters
     ----------
@@ -163,13 +102,8 @@ class Differencing(StillMethod[np.float64]):
         a mask a difference counts only if both its pixels are used, see `neighbour_differences`.
     tv_weight
         λ in standard deviations of what noise adds to an entry of (D A)ᵀD y, as above.
-    stop
-        ``"converged"``: the minimizer. ``"published"``: where the published code stops, with its
-        steps; see `descend_as_published`. Its constants belong to its units, in which A's mean
-        entry is about 5000 and the hidden image lies in [0, 1]; there the uniform image that fits
-        D y best is taken to be 1/4.
     tolerance, max_iterations
-        As of `NoiseAware`; only for ``"converged"``.
+        As of `NoiseAware`.
     A, **scene
         As of `StillMethod`, whose other errors it raises, too.
 
@@ -185,18 +119,14 @@ class Differencing(StillMethod[np.float64]):
         B: Image | None = None,
         *,
         tv_weight: float = 1.0,
-        stop: Stop = "converged",
         tolerance: float = 1e-4,
         max_iterations: int = 10_000,
         **scene: Any,
     ) -> None:
         super().__init__(A, B, **scene)
-        if stop not in get_args(Stop):
-            raise validation.InputError(f"stop is '{stop}': give 'converged' or 'published'")
         validation.checked_number(tv_weight, "tv_weight", 0)
         validation.check_stopping(tolerance, max_iterations)
         self.tv_weight = tv_weight
-        self.stop = stop
         self.tolerance, self.max_iterations = tolerance, max_iterations
 
     def _differenced(self, values: Image) -> Any:
@@ -232,26 +162,26 @@ class Differencing(StillMethod[np.float64]):
         """Form the pseudoinverse of D A; see `StillMethod`."""
         _ = self._unit, self._objective
 
-    @of_all
-    def solve(self, photograph: Image) -> DifferencingResult:
-        """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
+    def equations(self, photograph: Image) -> NormalEquations:
+        """Return the least squares of a photograph, (rows, columns, C) or (M, C)."""
         Dy = self._inverse.project_out(self._differenced(self.fit.vectors(photograph)))
         h = self._inverse.A.T @ Dy
         start = self._inverse.solve(h)
         noise = self._inverse.noise(*(np.ascontiguousarray(each.T) for each in (Dy, start)))
+        return NormalEquations(self._gram, h, start, noise, np.sqrt(np.mean(Dy**2, axis=0)))
+
+    @of_all
+    def solve(self, photograph: Image) -> DifferencingResult:
+        """Recover the hidden image, with the state of the iterations; see `reconstruct`."""
+        _, h, start, noise, level = self.equations(photograph)
         weight = self.tv_weight * noise * self._unit
         images, ends = list(start.T), [(0, 0.0)] * len(noise)
         for channel in np.flatnonzero(weight).tolist():  # not of a black one
-            if self.stop == "published":
-                solved = self._published(h, start, channel, weight[channel])
-            else:
-                level = float(np.sqrt(np.mean(Dy[:, channel] ** 2)))
-                solved = self._minimum(h[:, channel], noise[channel], level)
+            solved = self._minimum(h[:, channel], noise[channel], float(level[channel]))
             images[channel], ends[channel] = solved
         iterations, residual = (np.array(each) for each in zip(*ends, strict=True))
-        if self.stop == "converged":
-            error = float(residual.max())
-            validation.warn_unconverged("differencing", iterations.max(), error, self.tolerance)
+        error = float(residual.max())
+        validation.warn_unconverged("differencing", iterations.max(), error, self.tolerance)
         image = self.hidden.image(np.stack([each.ravel() for each in images], axis=1))
         return DifferencingResult(image, noise, weight, iterations, residual)
 
@@ -268,16 +198,3 @@ class Differencing(StillMethod[np.float64]):
         minimum = self._objective.minimize(evidence, Schedule(self.tolerance, self.max_iterations))
         image = minimum.image.astype(np.float64) * (level / self._unit)
         return image, (minimum.iterations, minimum.residual)
-
-    def _published(
-        self, h: Array, start: Array, channel: int, weight: float
-    ) -> tuple[Array, tuple[int, float]]:
-        """Return a channel's image where the published code stops, and its iterations."""
-        mean = h.sum(axis=0) / self._gram.sum()  # of the uniform image that fits best
-        mean_entry = float(np.mean(self.fit.rows, dtype=np.float64))
-        unit, white = PUBLISHED_ENTRY / mean_entry, float(np.abs(mean).mean())
-        first = start[:, channel].reshape(self.hidden_shape)
-        image, iterations = descend_as_published(
-            self._gram, h[:, channel], first, weight, unit=unit, white=white / PUBLISHED_MEAN
-        )
-        return image, (iterations, np.nan)

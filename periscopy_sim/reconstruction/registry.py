@@ -7,7 +7,7 @@ line, the sweeps and their help follow from the entry.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +57,6 @@ class MethodEntry:
     of: str  # ``module:class`` within `periscopy_sim.reconstruction`
     options: tuple[Option, ...] = ()  # what users can set
     certainty: str = ""  # the certainty that it reports, in a few words; empty for none
-    fixed: Mapping[str, Any] = field(default_factory=dict)  # what makes this method of the class
     backgrounds: bool = True  # whether it accepts the prototype backgrounds
     uncertain: bool = False  # whether it knows what to do with an uncertain scene
     rays: bool = False  # whether it wants random rays' noise in A: a ridge for P, 1 to 2 dB
@@ -83,7 +82,6 @@ class MethodEntry:
             A,
             B if self.backgrounds else None,
             **({} if uncertain is None else {"uncertain": uncertain}),
-            **self.fixed,
             **_parameters(self.options, options),
         )
         return fitted
@@ -191,13 +189,6 @@ _ENTRIES = (
         options=(_IN_NOISE,),
     ),
     MethodEntry(
-        "differencing-published",
-        "the same, stopped where the published code stops",
-        "differencing:Differencing",
-        options=(_IN_NOISE,),
-        fixed={"stop": "published"},
-    ),
-    MethodEntry(
         "truncated-svd",
         "the paper's with A's top singular vectors in place of P",
         "truncated_svd:TruncatedSVD",
@@ -218,6 +209,8 @@ METHODS: Mapping[str, MethodEntry] = {entry.name: entry for entry in _ENTRIES}
 """The methods of the package, by name."""
 
 SUCCESSORS = {
+    "differencing-published": "differencing, or experiments/paper/as_published.py:Published in a "
+    "copy of the repository",
     "iterative": "noise-aware",
     "unrolled": "experiments/learned/unrolled.py:Unrolled in a copy of the repository",
 }

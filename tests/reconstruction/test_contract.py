@@ -16,6 +16,7 @@ from scipy.sparse.linalg import aslinearoperator
 
 from periscopy_sim.photograph import ColourMatrix, Photograph
 from periscopy_sim.reconstruction.method import FrameByFrame, StillMethod
+from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.reconstruction.registry import DEFAULT, METHODS, MethodEntry, Option
 
 SHAPE, HIDDEN = (14, 15), (4, 5)
@@ -39,12 +40,8 @@ COLOURS = np.array([[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]])
 
 VIDEOS = [name for name in METHODS if METHODS[name].video]
 COUPLED = [(name, coupling) for name in VIDEOS for coupling in METHODS[name].video.couplings]
-NEIGHBOURS = ("differencing", "differencing-published")  # they need a photograph's rows and columns
+NEIGHBOURS = ("differencing",)  # which needs a photograph's rows and columns
 every_method = pytest.mark.parametrize("name", METHODS)
-
-
-QUICK = {"tv_weight": 0}
-"""For published differencing, which else stops at its cap, seconds later."""
 
 
 @dataclass(frozen=True)
@@ -59,16 +56,14 @@ def fitted(name, A=A, B=B, scene=Scene(), **options):
     entry = METHODS[name]
     if any(option.name == "repair_threshold" for option in entry.options):
         options = {"repair_threshold": 1e9, **options}
-    if name == "differencing-published":
-        options = QUICK | options
     if name == "noise-aware":
-        entry = replace(entry, fixed={"profiles": False, "corrections": ()})
+        return NoiseAware.for_scene(scene, A, B, profiles=False, corrections=(), **options)
     return entry(scene, A, B, **options)
 
 
 def as_chosen(name):
     """Return a method as commands fit it."""
-    return METHODS[name](Scene(), A, B, **QUICK if name == "differencing-published" else {})
+    return METHODS[name](Scene(), A, B)
 
 
 def distance(image, expected):
@@ -78,7 +73,7 @@ def distance(image, expected):
 @pytest.mark.parametrize("name", METHODS)
 def test_options_have_the_defaults_of_the_class_within_their_bounds(name):
     entry = METHODS[name]
-    assert entry.name == name and DEFAULT in METHODS and len(METHODS) > 5
+    assert entry.name == name and DEFAULT in METHODS and len(METHODS) > 4
     kinds = [(entry, StillMethod), *([(entry.video, FrameByFrame)] if entry.video else [])]
     for each, base in kinds:
         module, _, kind = each.of.partition(":")
@@ -115,7 +110,6 @@ def test_a_new_method_is_one_entry():
     option = Option("fraction", 0.4, "Part of the singular values that are kept.", 0.01, 1)
     entry = MethodEntry("mine", "mine", "truncated_svd:TruncatedSVD", (option,))
     assert entry(Scene(), A, B, fraction=0.5).fraction == 0.5
-    assert fitted("differencing-published").stop == "published" != fitted("differencing").stop
 
 
 @every_method
