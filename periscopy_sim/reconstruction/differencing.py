@@ -24,17 +24,14 @@ from periscopy_sim.reconstruction.preconditioned import Preconditioner, form_pre
 def neighbour_differences(
     A: NDArray[Precision],
     photograph_shape: tuple[int, int],
-    *,
-    wrap: bool = True,
     mask: Mask | None = None,
 ) -> NDArray[Precision]:
     """Apply the D of Eq. 3 to the rows of A, (M, N), or to one photograph, (M,); row-major.
 
     The published code of [15] vectorizes the photograph by columns, so that neighbours lie one
     below the other, takes differences across the ends of columns too, and keeps the last pixel as
-    it is: its D is square, (M, M), and the last row lets the background through. Without `wrap`
-    only the (rows − 1) x columns differences within columns are taken. D A is in column-major
-    order.
+    it is: its D is square, (M, M), and the last row lets the background through. D A is in
+    column-major order.
 
     With a mask, flat or (rows, columns), A has the M' rows used alone. A difference then counts if
     both its pixels are used, and the last pixel if it is; only the rows that count are returned.
@@ -48,16 +45,13 @@ def neighbour_differences(
     if mask is not None:
         whole = np.zeros((rows * columns, *A.shape[1:]), A.dtype)
         whole[np.ravel(mask)] = A
-        differences = neighbour_differences(whole, photograph_shape, wrap=wrap)
+        differences = neighbour_differences(whole, photograph_shape)
         unused = np.where(mask, 0, np.nan).ravel()
-        counted = np.isfinite(neighbour_differences(unused, photograph_shape, wrap=wrap))
+        counted = np.isfinite(neighbour_differences(unused, photograph_shape))
         return np.compress(counted, differences, axis=0)
-    by_columns = A.reshape(rows, columns, *A.shape[1:]).swapaxes(0, 1)
-    if not wrap:
-        return np.diff(by_columns, axis=1).reshape(-1, *A.shape[1:])
-    wrapped = by_columns.reshape(A.shape).copy()
-    wrapped[:-1] = wrapped[1:] - wrapped[:-1]
-    return wrapped
+    differences = A.reshape(rows, columns, *A.shape[1:]).swapaxes(0, 1).reshape(A.shape).copy()
+    differences[:-1] = differences[1:] - differences[:-1]
+    return differences
 
 
 class NormalEquations(NamedTuple):

@@ -103,16 +103,14 @@ def planned(
     by: By | None = None,
     samples: int | None = None,
     seed: int = 0,
-    budget: int | None = None,
 ) -> TransportPlan:
     """Choose how A is made for photographs of some noise, over the mean of the monitor's light.
 
     A is averaged over the pixels' areas by as many wall points, and as many rays, as make its error
-    a tenth of the noise or less, within `FINEST` and a `budget` of rays (None: `BUDGET`). The
-    plan's error exceeds a tenth where these are too few. `samples` asks for so many rays from the
-    centre of each pixel to each patch. An infinite noise takes the quickest way, of unknown error.
-    Errors and other parameters are those of `transport`; the seed is of the rays that measure the
-    error.
+    a tenth of the noise or less, within `FINEST` and `BUDGET`. The plan's error exceeds a tenth
+    where these are too few. `samples` asks for so many rays from the centre of each pixel to each
+    patch. An infinite noise takes the quickest way, of unknown error. Errors and other parameters
+    are those of `transport`; the seed is of the rays that measure the error.
     """
     checked_scene(scenario)
     if by not in (None, *get_args(By)):
@@ -134,7 +132,7 @@ def planned(
     if samples is not None:
         return TransportPlan(transport_error(scenario, samples, seed=seed), samples)
     samples, rays = FEWEST, across**2 * int(np.prod(scenario.transport_shape))
-    most = (BUDGET if budget is None else budget) / rays
+    most = BUDGET / rays
     while (error := transport_error(scenario, samples, across, seed=seed)) > SMALL * noise:
         # The error falls as samples^-0.75 at edges of shadows, as samples^-1 where light is smooth.
         wanted = samples * max(2.0, error / (SMALL * noise))

@@ -27,9 +27,9 @@ def test_error_by_rays_is_the_distance_from_areas_and_small_beside_noise(shipped
 
 def test_beyond_the_budget_the_error_is_warned_of(shipped, monkeypatch):
     scene = shipped("chair")
-    plan = plan_transport(scene, 1e-6, by="rays", budget=0)
-    assert plan.samples == planning.FEWEST
     monkeypatch.setattr(planning, "BUDGET", 0)
+    plan = plan_transport(scene, 1e-6, by="rays")
+    assert plan.samples == planning.FEWEST
     with pytest.warns(RuntimeWarning, match="noise"):
         ps.transport(scene, by="rays", noise=2 * plan.error)
 
