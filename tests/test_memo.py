@@ -137,7 +137,7 @@ def test_another_process_reads_what_a_folder_keeps(kept):
 
 
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("damage", [lambda data: data[:-100], lambda _: b"", lambda _: b"PK" * 999])
+@pytest.mark.parametrize("damage", [lambda data: data[:-100], lambda _: b"PK" * 999])
 def test_a_damaged_file_is_made_anew(damage, kept, tmp_path):
     for file in kept[0].iterdir():
         (tmp_path / file.name).write_bytes(damage(file.read_bytes()))

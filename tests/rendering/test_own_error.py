@@ -18,12 +18,11 @@ def rms(values):
     return np.sqrt(np.mean(np.square(values)))
 
 
-@pytest.fixture(params=["white", "letters", "one patch"])
+@pytest.fixture(params=["letters", "one patch"])
 def image(request):
     shown = np.zeros((6, 8, 3))
     shown[2, 3] = 1, 0.5, 0.2
     pictures = {
-        "white": np.ones((6, 8, 3)),
         "letters": ps.read_hidden_image(ps.find_image("letters"), (6, 8)),
         "one patch": shown,
     }
