@@ -147,8 +147,7 @@ def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(
     given = command("--flips", ambient="left.exr", snr="40:60:2")
     shown = succeeds(*given)
     assert shown.startswith(
-        "32 results: 2 methods x 1 image x 2 SBRs x 2 SNRs x 4 flips\n"
-        "to make: 1 matrix\nabout "
+        "32 results: 2 methods x 1 image x 2 SBRs x 2 SNRs x 4 flips\nto make: 1 matrix\nabout "
     )
     more = json.loads(
         succeeds(*given, "--vary", "truncated-svd.tv_weight=1", "--json", "--out", "b")

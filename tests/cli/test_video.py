@@ -105,7 +105,9 @@ def test_impossible_option_is_refused(refused, clip, tiny, tmp_path):
         assert offender in refused("video", "y.npy", *tiny, *PAPER, *options, "--out", "out")
 
 
-THOROUGH = [pytest.param(kind, marks=pytest.mark.thorough) for kind in ("matrix", "colours", "grey", "four")]
+THOROUGH = [
+    pytest.param(kind, marks=pytest.mark.thorough) for kind in ("matrix", "colours", "grey", "four")
+]
 
 
 @pytest.mark.parametrize("kind", ["video", *THOROUGH])

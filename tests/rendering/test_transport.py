@@ -35,9 +35,7 @@ def test_beyond_the_budget_the_error_is_warned_of(shipped, monkeypatch):
 
 
 @pytest.mark.parametrize(("near", "noise", "pixels"), [(0, 3e-4, 24), (0.3, 1e-3, 12)])
-def test_error_by_areas_is_the_distance_from_the_mean_over_each_pixel(
-    shipped, near, noise, pixels
-):
+def test_error_by_areas_is_the_distance_from_the_mean_over_each_pixel(shipped, near, noise, pixels):
     """Of white light, by four times the points; the nearer the chair, the sharper its shadows."""
     scene = shipped("chair", resolution=pixels).at(occluder_dy=near)
     plan = plan_transport(scene, noise)
