@@ -1,5 +1,4 @@
 import base64
-from html.parser import HTMLParser
 
 from experiments.report import (
     Claim,
@@ -8,55 +7,12 @@ from experiments.report import (
     Table,
     Verdict,
     read_section,
-    write_page,
     write_section,
 )
 
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
 )
-
-
-class Page(HTMLParser):
-    """Tags with their attributes, and the texts between them."""
-
-    def __init__(self, source):
-        super().__init__()
-        self.tags, self.text = [], []
-        self.feed(source)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.text.append(data)
-
-    def attributes(self, name):
-        return [attrs[name] for _, attrs in self.tags if name in attrs]
-
-
-def test_text_is_shown_as_written_and_never_becomes_markup(tmp_path):
-    nasty = '<script>alert("1")</script> & a < b \' "'
-    (tmp_path / "a.png").write_bytes(PIXEL)
-    section = Section(
-        "name",
-        nasty,
-        nasty,
-        [Claim(nasty, nasty, nasty, Verdict.BETTER, nasty)],
-        [Picture(tmp_path / "a.png", nasty)],
-        [Table(nasty, (nasty,), [(nasty,)])],
-        failure=nasty,
-    )
-    path = tmp_path / "index.html"
-    write_page(path, nasty, [section], introduction=nasty, provenance={nasty: nasty})
-    page = Page(path.read_text("utf-8"))
-    assert "script" not in {tag for tag, _ in page.tags}
-    assert page.attributes("alt") == [nasty]
-    source = path.read_text("utf-8")
-    assert "http" not in source and "url(" not in source and "@import" not in source
-    # Title and heading, introduction, section's heading, failure and text, two tables of four
-    # claims' cells, picture's and table's caption, header and cell, provenance's two.
-    assert sum(nasty in text for text in page.text) == 2 + 1 + 3 + 8 + 1 + 3 + 2
 
 
 def test_a_section_comes_back_from_its_file_also_where_its_folder_moved(tmp_path):

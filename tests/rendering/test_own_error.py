@@ -51,9 +51,9 @@ def test_error_by_areas_bounds_the_distance_from_a_finer_grid(chair, image, snr)
 @pytest.mark.parametrize("by_areas", [True, False])
 def test_a_photograph_has_wall_points_of_its_own(chair, snr, by_areas, monkeypatch):
     """A's grid, whose error it would share, has the first number of points or even multiples."""
-    made, by_channel, (scene, _) = [], photograph._by_channel, chair
+    made, (scene, _) = [], chair
 
-    def watched(way, seen, f):
+    def watched(_, seen, f):
         made.append(seen.view.across // points_across(scene.photograph_shape))
         return f[:1].repeat(len(seen.view.centers), axis=0) * (1 + 0.3 ** len(made))
 

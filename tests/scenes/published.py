@@ -11,15 +11,6 @@ COUNTS = 200.0  # for each unit of exposure, of the brightest photograph
 NOISE = 2e-3  # of a photograph, over its mean, at an exposure of 20
 
 
-PAINT = 2e-3  # unevenness of the wall
-
-
-SBRS = (8.0, 5.0, 3.0, 1.5, 0.95)
-
-
-LIT = {"bottom_left": (8, 2), "bottom_right": (8, 9), "top_left": (1, 2), "top_right": (1, 9)}
-
-
 def save_capture(path, light, truth, *, exposure=20.0, noise=NOISE, side=2, seed=0, **fields):
     """Write light, (rows, columns, 3), as the Bayer counts of a sensor with noise of its own.
 
