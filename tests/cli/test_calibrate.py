@@ -44,7 +44,7 @@ def photograph(signals, tmp_path):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("photograph", "drawings")
+@pytest.mark.usefixtures("photograph")
 def test_moved_chair_is_found_and_its_scene_written(periscopy, tmp_path):
     outcome = periscopy(
         "calibrate", "y.npy", *SCENE, *FREE, "--monitor-off", "off.npy", "--out", "new/found.xml",
@@ -101,7 +101,6 @@ def rivals(files, monkeypatch):  # noqa: ARG001
     return given
 
 
-@pytest.mark.usefixtures("drawings")
 def test_a_scene_whose_image_lies_aside_is_written_too(rivals, succeeds, tmp_path):
     said = succeeds(
         "calibrate", "y.npy", *SCENE, "--free", "occluder_dx=0.004,occluder_dz", "--uncertain",

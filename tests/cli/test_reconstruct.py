@@ -16,7 +16,6 @@ PICTURES = {"reconstruction.png", "residual.png", "stages.png"}
 FILES = {"reconstruction.npy", "summary.json"} | PICTURES
 
 
-@pytest.mark.usefixtures("drawings")
 def test_folder_holds_image_pictures_and_summary(light, succeeds, tiny, tmp_path):
     np.save(tmp_path / "y.npy", light[0])
     arguments = ("reconstruct", "y.npy", *tiny, *PAPER, "--seed", "3", "--out", "new/out")

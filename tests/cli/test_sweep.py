@@ -68,7 +68,7 @@ def command(*more, **changes):
     return ("sweep", *scene, *listed, *more)
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_sweep_writes_store_table_and_picture(succeeds, folder):
     methods = "truncated-svd,mine.py:Mine,mine.py:Failing"
     shown = succeeds(*command("--flips", methods=methods, seeds=2, snr=45, seed=3))
@@ -108,7 +108,7 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     assert not {"command", "scene"} & set(settings)
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_once(
     succeeds, monkeypatch
 ):
@@ -216,7 +216,7 @@ def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(su
     assert "holds no sweep" in refused("plot", "out/sweep.zarr/making", "--out", "p.png")
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, refused, folder):
     study = {
         "scene": "plate", "define": {"resolution": 21}, "hidden": "4x5", "samples": 16,
@@ -240,7 +240,7 @@ def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, r
     assert "sbr" in refused("sweep", "--study", "study.yaml")
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
     mine = ("--hidden-image", "mine.png", "--sbr", "1", "--ambient", "left.exr", "--no-flips")
     study = ("sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--samples", "4", *mine,
@@ -257,7 +257,7 @@ def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
     assert blue[..., 2].mean() > 5 * blue[..., 0].mean()
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
     """By one that finds the truth: a real one of 13 numbers takes a minute."""
 
@@ -306,7 +306,7 @@ def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
         assert (numbers[f"claimed.{next(iter(true))}"] == 1e-3).all()
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
     assert "\nto make: 2 matrices\n" in succeeds(
         *(each for each in command() if each not in ("--samples", "16"))

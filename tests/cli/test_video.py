@@ -56,7 +56,6 @@ def test_frames_are_those_of_the_coupling_asked_for(
     assert "l1_weight" not in summary
 
 
-@pytest.mark.usefixtures("drawings")
 def test_folder_holds_frames_pictures_table_and_summary(photographs, video, clip, tmp_path):
     np.save(tmp_path / "y.npy", photographs)
     np.save(tmp_path / "clip.npy", clip)

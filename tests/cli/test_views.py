@@ -46,7 +46,6 @@ def summary(tmp_path):
     return lambda: json.loads((tmp_path / "out" / "summary.json").read_text())
 
 
-@pytest.mark.usefixtures("drawings")
 def test_reconstruct_recovers_one_image_of_two_views(scene, succeeds, summary, tmp_path):
     out = succeeds(
         "reconstruct", "left.npy", "right.npy", *options_of(scene), *VIEWS,
