@@ -131,22 +131,6 @@ def test_mean_and_variance_are_the_closed_form_and_so_is_the_snr(sensor, light):
     assert sensor.snr == pytest.approx(-10 * np.log10(variance), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    "measured",
-    [
-        lambda flat: add_noise(flat, 20, 3),
-        lambda flat: Sensor(electrons=400, read_noise=5, frames=2).expose(flat, 3).values,
-    ],
-    ids=["rule", "sensor"],
-)
-def test_noise_is_uncorrelated_across_pixels_and_channels(measured):
-    noise = measured(np.ones((80, 80, 3))) - 1
-    bound = stats.norm.ppf(1 - 0.5e-4) / np.sqrt(79 * 80 * 2)
-    for axis in range(3):
-        ahead, behind = np.delete(noise, 0, axis).ravel(), np.delete(noise, -1, axis).ravel()
-        assert abs(np.corrcoef(ahead, behind)[0, 1]) < bound
-
-
 @pytest.mark.parametrize(("read_noise", "bit_depth"), [(0.0, 8), (0.01, 16), (2.5, 12), (300.0, 4)])
 def test_black_level_leaves_six_deviations_and_the_top_code_is_the_full_well(read_noise, bit_depth):
     sensor = Sensor(100, read_noise, full_well=4000, bit_depth=bit_depth)

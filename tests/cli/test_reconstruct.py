@@ -56,27 +56,3 @@ def test_impossible_option_is_refused(refused, tiny, tmp_path):
         (("--uncertain", "occluder_dx", "--method", "differencing"), "differencing"),
     ]:
         assert offender in refused("reconstruct", "y.npy", *tiny, *options, "--out", "out")
-
-
-TINY = ("-D", "resolution=24", "--hidden", "4x5", "--samples")
-M = [[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]]
-
-
-def test_what_a_camera_mixes_a_reconstruction_unmixes(succeeds, tmp_path):
-    (tmp_path / "m.json").write_text(json.dumps(M))
-    images = []
-    for name, option in (("plain", ()), ("mixed", ("--colour-matrix", "m.json"))):
-        photo = f"{name}.exr"
-        succeeds("photograph", "chair", "mushroom", *TINY, "1024", *option, "--out", photo)
-        succeeds(
-            "reconstruct", photo, "--scene", "chair", *TINY, "16", *option, "--truth", "mushroom",
-            "--out", name,
-        )  # fmt: skip
-        images.append(np.load(tmp_path / name / "reconstruction.npy"))
-    plain, mixed = (
-        json.loads((tmp_path / n / "summary.json").read_text()) for n in ("plain", "mixed")
-    )
-    assert plain["colour_matrix"] is None and mixed["colour_matrix"] == M
-    assert mixed["psnr"] == pytest.approx(plain["psnr"], abs=1)
-    assert plain["psnr_colour_matched"] >= plain["psnr"] - 0.1
-    assert np.sqrt(np.mean((images[1] - images[0]) ** 2)) < 0.1 * np.sqrt(np.mean(images[0] ** 2))
