@@ -37,7 +37,7 @@ def chair():
     return scene, ps.analytic_transport(scene.averaged(48)).astype(float)
 
 
-@pytest.mark.parametrize("snr", [40, 65])
+@pytest.mark.parametrize(("image", "snr"), [("letters", 40), ("one patch", 65)], indirect=["image"])
 def test_error_by_areas_bounds_the_distance_from_a_finer_grid(chair, image, snr):
     scene, A = chair
     rendering = rendering_of(scene, image, snr=snr, bounces=1)
@@ -183,8 +183,9 @@ def test_error_of_a_composite_is_that_of_its_parts():
     assert rms(off) == pytest.approx(composite_error(signal, ambient, 0.4, 0.01, 0.01), rel=0.1)
 
 
-def test_bounced_light_of_any_channels_is_that_of_the_surfaces_mean(shipped):
+def test_bounced_light_of_any_channels_is_that_of_the_surfaces_mean(shipped, monkeypatch):
     """By the same rays: a channel alone meets the mean of red, green and blue."""
+    monkeypatch.setattr(photograph.bounced, "PATHS", 64)
     scene, image = shipped("bright_room", resolution=8), np.random.default_rng(0).random((6, 8, 1))
     grey = photograph.bounced_light(scene, {"monitor": image})
     three = photograph.bounced_light(scene, {"monitor": image.repeat(3, axis=2)})

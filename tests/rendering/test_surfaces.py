@@ -55,16 +55,16 @@ def test_a_transparent_surface_hides_nothing(room, images, bounces):
     )
     options = {"samples": 1 << 14, "bounces": bounces, "seed": 1}
     y = ps.render_photograph(two, images, **options)
-    parts = [
-        ps.render_photograph(each, image, **options)
-        for each, image in zip(alone, images.values(), strict=True)
-    ]
-    np.testing.assert_allclose(y, sum(parts), rtol=0, atol=0.02 * y.mean())
     if bounces == 1:
         for by in ("areas", "rays"):
             lit = (ps.transport(two, by=by) @ two.hidden.vector(images)).reshape(y.shape)
             np.testing.assert_allclose(lit, y, rtol=0, atol=0.02 * y.mean())
     else:
+        parts = [
+            ps.render_photograph(each, image, **options)
+            for each, image in zip(alone, images.values(), strict=True)
+        ]
+        np.testing.assert_allclose(y, sum(parts), rtol=0, atol=0.02 * y.mean())
         with pytest.raises(SceneError, match="'hidden_card' is transparent"):
             ps.transport(two, bounces=bounces)
 
@@ -164,11 +164,8 @@ def test_bounced_light_of_some_pixels_has_their_rows(two):
     pixels = np.zeros(two.photograph_shape, bool)
     pixels[1:3, 2:] = True
     part = ps.Scenario(two.view.of_pixels(pixels), two.hidden)
-    A, whole = (
-        ps.add_bounces(each, ps.transport(each, by="areas", noise=0.1), 2) for each in (part, two)
-    )
-    np.testing.assert_array_equal(A.bounced.over_wall, whole.bounced.over_wall[pixels.ravel()])
-    assert A.shape == part.transport_shape
+    some, whole = (ps.render_bounced_light(each, bounces=2, target=0.1) for each in (part, two))
+    np.testing.assert_array_equal(some.over_wall, whole.over_wall[pixels.ravel()])
 
 
 @pytest.mark.parametrize("faces", [31])
