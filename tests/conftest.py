@@ -54,6 +54,7 @@ def blank_figures(request, monkeypatch):
         return
     from matplotlib.figure import Figure
 
+    monkeypatch.setattr("periscopy_sim.figures.style._frame", lambda *_: None)
     save = Figure.savefig
 
     def save_blank(_, path, *, dpi="figure", metadata=None, bbox_inches=None):  # noqa: ARG001

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import periscopy_sim as ps
+from periscopy_sim.calibration import moving_scene
+from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.calibration.prior import SceneCovariance
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.measurement import add_noise
@@ -244,6 +246,28 @@ def test_a_given_matrix_stays_with_its_scene(wall):
     with pytest.raises(PeriscopyError, match="one scene"):
         given.at(occluder_dx=0.03)
     given.method("noise-aware", y)  # counts errors of the scene's numbers
+
+
+def test_derivatives_for_declared_errors_are_held_a_band_at_a_time(monkeypatch):
+    """Three rows of pixels at once, of 24."""
+    scene, held, linearized = chair(), [], MovingScene.linearized
+
+    def watched(moving, values):
+        light, derivatives = linearized(moving, values)
+        held.append(derivatives.nbytes)
+        return light, derivatives
+
+    monkeypatch.setattr(MovingScene, "linearized", watched)
+    size = 4 * scene.photograph_shape[1] * scene.hidden.patches
+    image = np.random.default_rng(0).random((*scene.hidden_shape, 3))
+    lights = []
+    for rows in (scene.photograph_shape[0], 3):
+        monkeypatch.setattr(moving_scene, "MOST_BYTES", rows * size)
+        held.clear()
+        uncertain = moving_scene.uncertain_transport(scene, {"occluder_dx": 0.005})
+        lights.append(uncertain.slopes(image))
+        assert max(held) <= rows * size
+    np.testing.assert_allclose(lights[1], lights[0], rtol=1e-5, atol=1e-6 * lights[0].max())
 
 
 def test_a_given_matrix_with_bounces_lacks_no_light_that_bounces(wall):

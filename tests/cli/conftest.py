@@ -118,6 +118,12 @@ def few_wall_points(request, monkeypatch):
         monkeypatch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 48)
 
 
+@pytest.fixture(autouse=True)
+def few_bounced_paths(monkeypatch):
+    """Trace few paths of the light that bounces, which each result is checked for."""
+    monkeypatch.setattr("periscopy_sim.rendering.bounced.PATHS", 64)
+
+
 @pytest.fixture
 def few_paths(monkeypatch):
     """Trace few paths in a round of ambient light, one of which is as exact as tests need."""

@@ -43,7 +43,8 @@ def photograph(signals, tmp_path):
     np.save(tmp_path / "off.npy", ps.add_noise(off, 60, 4))
 
 
-@pytest.mark.usefixtures("photograph", "drawings")
+@pytest.mark.thorough
+@pytest.mark.usefixtures("photograph")
 def test_moved_chair_is_found_and_its_scene_written(periscopy, tmp_path):
     outcome = periscopy(
         "calibrate", "y.npy", *SCENE, *FREE, "--monitor-off", "off.npy", "--out", "new/found.xml",
@@ -78,20 +79,39 @@ ASIDE = [dict(zip(MOVED, (dx, 0.001), strict=True)) for dx in (0.002, 0.003)]
 
 
 @pytest.fixture
-def rivals(photograph, monkeypatch):  # noqa: ARG001
-    """Let the calibration of any photograph find two other scenes."""
+def files(tmp_path):
+    """Photographs of nothing, with the monitor on and off, and colour matrices."""
+    light = np.random.default_rng(0).uniform(1, 2, (2, 32, 32, 3))
+    for name, values in {"y": light[0], "off": light[1], "M": MIXING}.items():
+        np.save(tmp_path / f"{name}.npy", values)
+    (tmp_path / "M.json").write_text(json.dumps(MIXING.tolist()))
+
+
+@pytest.fixture
+def rivals(files, monkeypatch):  # noqa: ARG001
+    """Let the calibration of any photograph find two other scenes; return what it was given."""
     named = tuple(replace(p, name=n) for p, n in zip(calibration().parameters, MOVED, strict=True))
     found = replace(
         calibration(), parameters=named, rivals=tuple(Rival(each, 0.3) for each in ASIDE),
         images=(np.ones((6, 7, 3)),) * 3,
     )  # fmt: skip
     module = importlib.import_module("periscopy_sim.calibration.calibrate")
-    monkeypatch.setattr(module, "calibrate", lambda *_, **__: found)
+    given = []
+    monkeypatch.setattr(module, "calibrate", lambda *of, **how: given.append((of, how)) or found)
+    return given
 
 
-@pytest.mark.usefixtures("rivals")
-def test_a_scene_whose_image_lies_aside_is_written_too(succeeds, tmp_path):
-    said = succeeds("calibrate", "y.npy", *SCENE, *FREE, "--out", "found.xml")
+def test_a_scene_whose_image_lies_aside_is_written_too(rivals, succeeds, tmp_path):
+    said = succeeds(
+        "calibrate", "y.npy", *SCENE, "--free", "occluder_dx=0.004,occluder_dz", "--uncertain",
+        "monitor_dx=0.005", "--monitor-off", "off.npy", "--colour-matrix", "M.npy", "--out",
+        "found.xml",
+    )  # fmt: skip
+    (((wall,), *_), options) = rivals[0]
+    assert options["free"] == {"occluder_dx": 0.004, "occluder_dz": None}
+    assert options["uncertain"] == {"monitor_dx": 0.005} and options["shown"] == []
+    np.testing.assert_array_equal(wall.colour_matrix.matrix, MIXING)
+    assert list(wall.monitor_off) == ["off.npy"]
     for name, values in zip(("found_aside1.xml", "found_aside2.xml"), ASIDE, strict=True):
         assert f"{name} (about 30 %; " in said
         document = read_document(tmp_path / name)
@@ -123,7 +143,7 @@ def test_known_picture_and_another_photograph_serve(signals, succeeds, tmp_path)
     assert record["shown"] == ["mushroom"] and len(record["photographs"]) == 2
 
 
-@pytest.mark.usefixtures("photograph")
+@pytest.mark.usefixtures("files")
 def test_what_cannot_be_calibrated_is_refused(refused):
     for options, offender in [
         (("--free", "occluder_x"), "'occluder_dx'"),

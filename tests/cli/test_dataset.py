@@ -61,7 +61,7 @@ def test_example_is_printed_as_it_stands_and_can_be_made(succeeds, tmp_path):
     assert "3 samples" in succeeds("dataset", "small.yaml", "--out", "d.zarr", "--count", "3")
 
 
-@pytest.mark.usefixtures("drawings", "made")
+@pytest.mark.usefixtures("made")
 def test_samples_are_exported_and_damaged_ones_refused_until_mended(succeeds, refused, tmp_path):
     assert "7 files" in succeeds("dataset", "export", "d.zarr", "--samples", "0,7-8", "--out", "x")
     names = sorted(path.name for path in (tmp_path / "x").iterdir())

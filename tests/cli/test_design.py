@@ -81,14 +81,6 @@ def test_point_that_makes_no_scene_fails_by_name_and_the_rest_go_on(periscopy, t
     assert "1" in record["failed"] and 1 not in record["ranking"]
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("drawings")
-def test_map_is_drawn(succeeds, tmp_path):
-    succeeds(*design("--vary", "occluder_dx=-0.05:0.05,occluder_dz=0:0.05", "--grid", "2"))
-    assert len(rows_of(tmp_path / "out")) == 5
-    assert (tmp_path / "out" / "design.png").stat().st_size > 10_000
-
-
 def test_design_that_stopped_goes_on_and_ends_in_the_same_bytes(
     periscopy, succeeds, refused, tmp_path, monkeypatch
 ):

@@ -22,7 +22,6 @@ TINY = ("demo", "--hidden", "6x7", "--resolution", "24", "--effort", "0.02")
 METHODS = ("noise-aware", "preconditioned")
 
 
-@pytest.mark.usefixtures("drawings")
 @jit
 def test_demo_recovers_what_the_monitor_shows(succeeds, tmp_path):
     out = succeeds(*TINY, "--seed", "2", "--out", "out")

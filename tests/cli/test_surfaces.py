@@ -47,7 +47,6 @@ def of_each(stem, *endings):
     return {f"{stem}_{name}.{ending}" for name in IDS for ending in endings}
 
 
-@pytest.mark.usefixtures("drawings")
 def test_reconstruct_writes_each_surface_by_its_id(scene, succeeds, summary, tmp_path):
     options = (*HIDDEN, *TRUTH, "--model", "analytic", "--out", "out")
     out = succeeds("reconstruct", "y.npy", "--scene", scene, *options)
@@ -101,7 +100,6 @@ def test_photograph_and_transport_are_of_both(scene, succeeds, tmp_path):
     succeeds("reconstruct", "y.npy", *options)
 
 
-@pytest.mark.usefixtures("drawings")
 def test_video_is_of_each_surface(scene, succeeds, summary, tmp_path):
     options = ("--scene", scene, *HIDDEN, *TRUTH, "--out", "out")
     out = succeeds("video", "frames.npy", *options)
@@ -114,7 +112,6 @@ def test_video_is_of_each_surface(scene, succeeds, summary, tmp_path):
         assert psnr > 40 and f"{psnr:.2f} dB" in out
 
 
-@pytest.mark.usefixtures("drawings")
 def test_sweep_compares_methods_on_each_surface(scene, succeeds, tmp_path):
     write_exr(tmp_path / "lamp.exr", np.ones((24, 24, 3)), {})
     options = ("--sbr", "1,3", "--ambient", "lamp.exr", "--no-flips", "--methods", "noise-aware")
@@ -127,7 +124,6 @@ def test_sweep_compares_methods_on_each_surface(scene, succeeds, tmp_path):
     succeeds(*run)  # resumed
 
 
-@pytest.mark.usefixtures("drawings")
 def test_data_set_has_images_of_each_surface(scene, succeeds, tmp_path):
     sizes = "{monitor: 3x4, hidden_card: 3x2}"
     (tmp_path / "data.yaml").write_text(
@@ -187,7 +183,7 @@ def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("few_paths", "drawings")
+@pytest.mark.usefixtures("few_paths")
 def test_commands_without_an_image_need_no_grids(scene, succeeds, tmp_path):
     succeeds("draw", scene, "--out", "scene.png")
     succeeds("ambient", "overcast", "--scene", scene, "--target", "1", "--out", "ambient")

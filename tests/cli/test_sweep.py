@@ -68,7 +68,7 @@ def command(*more, **changes):
     return ("sweep", *scene, *listed, *more)
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_sweep_writes_store_table_and_picture(succeeds, folder):
     methods = "truncated-svd,mine.py:Mine,mine.py:Failing"
     shown = succeeds(*command("--flips", methods=methods, seeds=2, snr=45, seed=3))
@@ -108,7 +108,7 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     assert not {"command", "scene"} & set(settings)
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_once(
     succeeds, monkeypatch
 ):
@@ -121,7 +121,7 @@ def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_onc
     monkeypatch.setattr(planning, "render_transport", counted)
     study = (
         "sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--hidden-image",
-        "bars,mushroom", "--vary", "occluder_dx=0,0.01", "--vary", "assumed.monitor_dx=0:0.01:2",
+        "bars", "--vary", "occluder_dx=0,0.01", "--vary", "assumed.monitor_dx=0:0.01:2",
         "--vary", "samples=4,8", "--vary", "truncated-svd.tv_weight=0.1,1", "--sbr", "1",
         "--ambient", "left.exr", "--no-flips", "--methods", "truncated-svd", "--out", "out",
     )  # fmt: skip
@@ -129,14 +129,13 @@ def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_onc
     places = "occluder_dx=0", "occluder_dx=0.01"
     assert len({*rendered}) == 2 * 2 * 2 >= len(rendered) - 1  # one twice, which is timed
     assert {*Path("out").rglob("*.exr")} == {
-        Path("out", place, f"photograph_{name}_{snr}dB.exr")
-        for place in places for name in ("bars", "mushroom") for snr in (40, 60)
-    }  # fmt: skip
+        Path("out", place, f"photograph_bars_{snr}dB.exr") for place in places for snr in (40, 60)
+    }
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         psnr = results.psnr.squeeze()
         assert results.occluder_dx.attrs["units"] == "m" and dict(psnr.sizes) == {
             "occluder_dx": 2, "assumed.monitor_dx": 2, "samples": 2, "truncated-svd.tv_weight": 2,
-            "image": 2, "snr": 2,
+            "snr": 2,
         }  # fmt: skip
         wrong = psnr.sel({"samples": 8, "assumed.monitor_dx": 0.01})
         assert (psnr.sel({"samples": 8, "assumed.monitor_dx": 0.0}) - wrong).mean() > 0
@@ -145,18 +144,17 @@ def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_onc
 
 @pytest.mark.usefixtures("jit")
 def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(succeeds):
-    given = command("--flips", snr="40:60:3")
+    given = command("--flips", ambient="left.exr", snr="40:60:2")
     shown = succeeds(*given)
     assert shown.startswith(
-        "96 results: 2 methods x 1 image x 2 places x 2 SBRs x 3 SNRs x 4 flips\n"
-        "to make: 1 matrix\nabout "
+        "32 results: 2 methods x 1 image x 2 SBRs x 2 SNRs x 4 flips\nto make: 1 matrix\nabout "
     )
     more = json.loads(
         succeeds(*given, "--vary", "truncated-svd.tv_weight=1", "--json", "--out", "b")
     )
-    assert (more["missing"], more["results"]) == (96, 96) and more["estimated_seconds"] >= 0
-    grown = command("--flips", snr="40:60:3", sbr="0.5,5,50")
-    assert "\n48 of 144 results: " in "\n" + succeeds(*grown)
+    assert (more["missing"], more["results"]) == (32, 32) and more["estimated_seconds"] >= 0
+    grown = command("--flips", ambient="left.exr", snr="40:60:2", sbr="0.5,5,50")
+    assert "\n16 of 48 results: " in "\n" + succeeds(*grown)
     assert "results:" not in succeeds(*grown) and succeeds(*grown, "-q") == ""
 
 
@@ -167,15 +165,15 @@ def test_renderings_are_counted_once_for_all_that_share_them(succeeds):
         "bars", "--vary", "occluder_dx=0,0.01", "--vary", "assumed.monitor_dx=0,0.01",
         "--ambient", "none", "--methods", "noise-aware,preconditioned",
     )  # fmt: skip
-    shown = succeeds(*study, "--out", "out")
+    shown = succeeds(*study, "--snr", "40", "--out", "out")
     assert "\nto make: 2 photographs, 8 matrices\n" in shown
     assert "no ambient light" in shown
-    assert "8 of 16 results" in succeeds(*study, "--seeds", "2", "--out", "out")
+    assert "8 of 16 results" in succeeds(*study, "--snr", "40", "--seeds", "2", "--out", "out")
     with xr.open_dataset("out/sweep.zarr", engine="zarr", consolidated=False) as results:
         assert results.sbr.values.tolist() == [np.inf] and results.psnr.notnull().all()
         assert results.background.values.tolist() == ["none"]
-    more = succeeds(*study, "--snr", "60,75,90", "--seeds", "2", "--out", "out")
-    assert "\nto make: 4 photographs, 12 matrices\n" in more  # those of 16 rays serve any SNR
+    more = succeeds(*study, "--snr", "40,55", "--out", "out")
+    assert "\nto make: 2 photographs, 8 matrices\n" in more
 
 
 @pytest.mark.usefixtures("jit")
@@ -187,7 +185,7 @@ def test_a_cell_has_one_photograph_and_a_whatever_ran_before(succeeds):
     )  # fmt: skip
     succeeds(*study, "--snr=30", "--out", "resumed")
     for out in ("resumed", "fresh"):
-        succeeds(*study, "--snr", "30,90", "--out", out)
+        succeeds(*study, "--snr", "30,65", "--out", out)
     resumed, fresh = (Path(out, "sweep.csv").read_text("utf-8") for out in ("resumed", "fresh"))
     assert sorted(resumed.splitlines()) == sorted(fresh.splitlines())
 
@@ -218,7 +216,7 @@ def test_plot_draws_what_the_last_sweep_asked_for_and_says_what_else_there_is(su
     assert "holds no sweep" in refused("plot", "out/sweep.zarr/making", "--out", "p.png")
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, refused, folder):
     study = {
         "scene": "plate", "define": {"resolution": 21}, "hidden": "4x5", "samples": 16,
@@ -242,7 +240,7 @@ def test_a_study_file_says_the_same_and_the_command_line_comes_first(succeeds, r
     assert "sbr" in refused("sweep", "--study", "study.yaml")
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
     mine = ("--hidden-image", "mine.png", "--sbr", "1", "--ambient", "left.exr", "--no-flips")
     study = ("sweep", "plate", "-D", "resolution=21", "--hidden", "4x5", "--samples", "4", *mine,
@@ -259,7 +257,7 @@ def test_a_picture_that_changed_is_photographed_anew(succeeds, refused):
     assert blue[..., 2].mean() > 5 * blue[..., 0].mean()
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
     """By one that finds the truth: a real one of 13 numbers takes a minute."""
 
@@ -308,7 +306,7 @@ def test_calibration_wins_back_what_a_ruler_costs(succeeds, monkeypatch):
         assert (numbers[f"claimed.{next(iter(true))}"] == 1e-3).all()
 
 
-@pytest.mark.usefixtures("jit", "drawings")
+@pytest.mark.usefixtures("jit")
 def test_only_methods_that_ask_for_rays_have_a_matrix_of_their_own(succeeds):
     assert "\nto make: 2 matrices\n" in succeeds(
         *(each for each in command() if each not in ("--samples", "16"))

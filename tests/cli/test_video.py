@@ -43,35 +43,25 @@ def column(table, name):
     return np.array([float(row[name]) for row in table])
 
 
-@pytest.mark.parametrize(
-    ("options", "settings"),
-    [
-        (
-            ("--coupling", "total-variation", "--temporal-weight", "3"),
-            {"coupling": "total-variation", "temporal_weight": 3.0},
-        ),
-        (("--coupling", "none"), {"coupling": "none"}),
-    ],
-)
 def test_frames_are_those_of_the_coupling_asked_for(
-    options, settings, photographs, transport, scenario, video, tmp_path
+    photographs, transport, scenario, video, tmp_path
 ):
     np.save(tmp_path / "y.npy", photographs)
-    frames, summary, _ = video("y.npy", *options)
+    settings = {"coupling": "total-variation", "temporal_weight": 3.0}
+    frames, summary, _ = video("y.npy", "--coupling", "total-variation", "--temporal-weight", "3")
     expected = next_frames(photographs, fitted(transport, scenario), **settings)
     assert np.allclose(frames, expected, rtol=1e-3, atol=2e-3 * expected.max())
     assert summary["first_frame"]["explicit"] is True
     assert {name: summary[name] for name in settings} == settings
-    weight = {"total-variation": {"temporal_weight"}, "l1": {"l1_weight"}, "none": set()}
-    assert {"temporal_weight", "l1_weight"} & summary.keys() == weight[summary["coupling"]]
+    assert "l1_weight" not in summary
 
 
-@pytest.mark.usefixtures("drawings")
-def test_folder_holds_frames_pictures_table_and_summary(photographs, video, tmp_path):
+def test_folder_holds_frames_pictures_table_and_summary(photographs, video, clip, tmp_path):
     np.save(tmp_path / "y.npy", photographs)
-    _, summary, table = video("y.npy", "--seed", "3", "--rate", "25")
+    np.save(tmp_path / "clip.npy", clip)
+    frames, summary, table = video("y.npy", "--truth", "clip.npy", "--seed", "3", "--rate", "25")
     folder = tmp_path / "out"
-    assert {path.name for path in folder.iterdir()} == FILES
+    assert {path.name for path in folder.iterdir()} == FILES | {"frames_sheet.png"}
     assert sorted(path.name for path in (folder / "frames").iterdir()) == [
         f"{k:04d}.png" for k in range(3)
     ]
@@ -84,6 +74,12 @@ def test_folder_holds_frames_pictures_table_and_summary(photographs, video, tmp_
         assert picture.info["scene_sha256"] == summary["provenance"]["scene_sha256"]
         picture.seek(2)
         assert picture.info["duration"] == pytest.approx(40)
+    psnr = [ps.psnr_gain_matched(frame, image) for frame, image in zip(frames, clip, strict=True)]
+    assert np.allclose(column(table, "psnr"), psnr, atol=1e-3)
+    assert summary["median"]["psnr"] == pytest.approx(np.median(psnr), abs=1e-3)
+    np.save(tmp_path / "short.npy", photographs[:2])  # nothing of a longer video stays
+    frames, _, _ = video("short.npy", "--coupling", "none")
+    assert len(frames) == 2 == len(list((folder / "frames").iterdir()))
 
 
 def test_animation_is_written_as_videos_too(photographs, video, tmp_path):
@@ -97,18 +93,6 @@ def test_animation_is_written_as_videos_too(photographs, video, tmp_path):
             assert len(list(container.decode(video=0))) == 3
 
 
-def test_truth_adds_metrics_and_a_contact_sheet(photographs, video, clip, tmp_path):
-    np.save(tmp_path / "y.npy", photographs)
-    np.save(tmp_path / "clip.npy", clip)
-    frames, summary, table = video("y.npy", "--truth", "clip.npy")
-    expected = [
-        ps.psnr_gain_matched(frame, image) for frame, image in zip(frames, clip, strict=True)
-    ]
-    assert np.allclose(column(table, "psnr"), expected, atol=1e-3)
-    assert summary["median"]["psnr"] == pytest.approx(np.median(expected), abs=1e-3)
-    assert summary["truth"] == "clip.npy" and (tmp_path / "out" / "frames_sheet.png").is_file()
-
-
 def test_impossible_option_is_refused(refused, clip, tiny, tmp_path):
     np.save(tmp_path / "y.npy", np.random.default_rng(0).uniform(1, 2, (3, 24, 24, 3)))
     np.save(tmp_path / "two.npy", clip[:2])
@@ -120,18 +104,12 @@ def test_impossible_option_is_refused(refused, clip, tiny, tmp_path):
         assert offender in refused("video", "y.npy", *tiny, *PAPER, *options, "--out", "out")
 
 
-def test_pictures_of_a_longer_video_do_not_stay(photographs, video, tmp_path):
-    np.save(tmp_path / "y.npy", photographs)
-    np.save(tmp_path / "short.npy", photographs[:2])
-    video("y.npy")
-    frames, _, _ = video("short.npy", "--coupling", "none")
-    assert len(frames) == 2 == len(list((tmp_path / "out" / "frames").iterdir()))
+THOROUGH = [
+    pytest.param(kind, marks=pytest.mark.thorough) for kind in ("matrix", "colours", "grey", "four")
+]
 
 
-THOROUGH = [pytest.param(kind, marks=pytest.mark.thorough) for kind in ("colours", "grey", "four")]
-
-
-@pytest.mark.parametrize("kind", ["matrix", "video", *THOROUGH])
+@pytest.mark.parametrize("kind", ["video", *THOROUGH])
 def test_light_that_bounces_is_warned_of_in_any_channels(succeeds, kind, clip, scenario, tmp_path):
     """A photograph without noise, and hardly any ambient light that could explain the bounces."""
     f = clip.reshape(3, 20, 3)

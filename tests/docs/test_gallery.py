@@ -1,9 +1,7 @@
 import ast
 import json
 import re
-import runpy
 
-import matplotlib as mpl
 import pytest
 
 import periscopy_sim as ps
@@ -40,25 +38,6 @@ def test_scripts_are_listed_take_public_names_assert_and_draw_from_a_seed():
                 if name == "ps.add_noise":
                     assert {"seed"} <= {keyword.arg for keyword in node.keywords}, script
                 assert not name.startswith("np.random.") or name.endswith("default_rng"), script
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_script_runs_and_draws(script, tmp_path, monkeypatch):
-    if "import pylops" in script.read_text("utf-8"):
-        pytest.importorskip("pylops")
-    if "ps.sweep" in script.read_text("utf-8"):
-        pytest.importorskip("xarray")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    mpl.use("agg")
-    from matplotlib import pyplot as plt
-
-    try:
-        runpy.run_path(str(script), run_name="__main__")
-        assert plt.get_fignums()
-    finally:
-        plt.close("all")
 
 
 NOTEBOOK = ROOT / "docs" / "first_hour.ipynb"

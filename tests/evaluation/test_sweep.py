@@ -1,6 +1,7 @@
 import csv
 import itertools
 import json
+import shutil
 import time
 from dataclasses import replace
 
@@ -353,9 +354,8 @@ def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
     ],
 )
 def test_more_values_compute_only_their_cells(more, done, tmp_path):
-    seen = []
-    run_sweep(sweep_of(), tmp_path)
-    missing = []
+    seen, missing = [], []
+    shutil.copytree(done[0], tmp_path, dirs_exist_ok=True)
     grown = run_sweep(
         sweep_of(**more), tmp_path, progress=seen.append, planned=missing.extend
     )  # fmt: skip

@@ -116,17 +116,6 @@ def test_a_scene_that_moves_is_reconstructed_anew_while_frames_come(watched):
     assert watched.session.choice == rejected
 
 
-def test_pixels_that_saturate_leave_full_pictures_as_good(watched, monkeypatch):
-    monkeypatch.setattr(preparation, "STEADY", 1.0)
-    watched.until(lambda _, progress: progress.averaged > 19)
-    start, watched.camera.glare = len(watched.shown), 2.0
-    watched.until(lambda each, _: not each.photograph.pixels.all())
-    shown = [pictures for pictures, _ in watched.shown[start:]]
-    assert not any(each.is_coarse for each in shown)
-    assert min(ps.psnr_gain_matched(each.image, watched.image) for each in shown) > 20
-    watched.camera.glare = 0.0
-
-
 def test_pictures_of_the_average_are_set_down_with_standard_errors(watched):
     watched.press("save")
     watched.until(lambda *_: watched.saved)

@@ -79,9 +79,3 @@ def test_flat_frames_cannot_be_coupled():
         with pytest.raises(ValueError, match="infinite tv_weight"):
             Video(flat, coupling=coupling)
     assert np.ptp(Video(flat, coupling="none").frames(PHOTOGRAPHS)[1], axis=(0, 1)).max() < 1e-6
-
-
-def test_temporal_weights_are_finite_and_not_negative(periscope):
-    for weight in (-1, np.inf):
-        with pytest.raises(ValueError, match="give a finite number from 0"):
-            Video(periscope, temporal_weight=weight)

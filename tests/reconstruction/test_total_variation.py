@@ -42,7 +42,6 @@ def test_starting_from_a_similar_problems_dual_takes_fewer_iterations(temporal_w
     assert lengths.max() <= 1 + 1e-6
 
 
-SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (5, 6), (29, 36)]
 EXACT = {"tolerance": 1e-10, "max_iterations": 200_000}
 
 
@@ -175,26 +174,6 @@ def test_scaling_image_and_weight_scales_the_result_alone(scale, blocks, solved)
     np.testing.assert_allclose(other.image / scale, one.image, rtol=0, atol=1e-12)
 
 
-def test_shifting_the_image_shifts_the_result(blocks):
-    g = blocks()
-    shifted = prox_total_variation(g + 1e6, 0.3)
-    np.testing.assert_allclose(shifted - 1e6, prox_total_variation(g, 0.3), atol=1e-8)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("value", [0.0, 0.1, -3e7])
-def test_a_constant_image_is_a_fixed_point(shape, value):
-    g = np.full(shape, value)
-    np.testing.assert_array_equal(prox_total_variation(g, 0.7), g)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("weight", [1e5, 1e30, np.inf])
-def test_a_huge_weight_gives_the_mean(shape, weight, random_image):
-    g = random_image(*shape)
-    np.testing.assert_allclose(prox_total_variation(g, weight), np.full(shape, g.mean()))
-
-
 def test_each_channel_is_denoised_on_its_own_with_its_own_weight(blocks):
     g = np.stack([blocks(seed) for seed in range(3)], axis=-1)
     weights = [0.1, 0.0, 0.7]
@@ -236,29 +215,6 @@ def prox_l1(solved):
         return result.image
 
     return prox
-
-
-def test_without_l1_weight_it_is_the_plain_prox(blocks, prox_l1):
-    g, p = blocks(), blocks(1)
-    f = prox_l1(g, p, 0.3, 0)
-    np.testing.assert_array_equal(f, prox_total_variation(g, 0.3))
-
-
-@pytest.mark.parametrize("l1_weight", [0.05, 0.3, 1.2])
-def test_without_total_variation_the_image_is_shrunk_towards_the_previous(
-    l1_weight, blocks, prox_l1
-):
-    g, p = blocks(), blocks(1)
-    expected = p + np.sign(g - p) * np.maximum(np.abs(g - p) - l1_weight / 2, 0)
-    f = prox_l1(g, p, 0, l1_weight)
-    np.testing.assert_allclose(f, expected, rtol=0, atol=1e-15)
-
-
-@pytest.mark.parametrize("l1_weight", [50.0, 1e6, np.inf])
-def test_a_huge_l1_weight_gives_the_previous_image(l1_weight, blocks, prox_l1):
-    g, p = blocks(), blocks(1)
-    f = prox_l1(g, p, 0.3, l1_weight)
-    np.testing.assert_allclose(f, p, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("distance", [1e2, 1e5])

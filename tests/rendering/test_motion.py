@@ -13,7 +13,7 @@ from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import find_scene
 
 ARRAYS = {"view": "points normals corners channel_gain", "hidden": "centers normals across up"}
-SCENES = "chair", "plant", "bright_room", "scenes/tutorial/truth/scene.xml"
+SCENES = "chair", "plant", "scenes/tutorial/truth/scene.xml"
 WHOLE = "resolution", "width", "height"
 
 

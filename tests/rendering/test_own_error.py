@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.analytic.area_transport import points_across
 from periscopy_sim.measurement import allowed_error, composite, composite_error
 from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.load import build_scene
@@ -18,12 +19,11 @@ def rms(values):
     return np.sqrt(np.mean(np.square(values)))
 
 
-@pytest.fixture(params=["white", "letters", "one patch"])
+@pytest.fixture(params=["letters", "one patch"])
 def image(request):
     shown = np.zeros((6, 8, 3))
     shown[2, 3] = 1, 0.5, 0.2
     pictures = {
-        "white": np.ones((6, 8, 3)),
         "letters": ps.read_hidden_image(ps.find_image("letters"), (6, 8)),
         "one patch": shown,
     }
@@ -37,7 +37,7 @@ def chair():
     return scene, ps.analytic_transport(scene.averaged(48)).astype(float)
 
 
-@pytest.mark.parametrize("snr", [40, 65])
+@pytest.mark.parametrize(("image", "snr"), [("letters", 40), ("one patch", 65)], indirect=["image"])
 def test_error_by_areas_bounds_the_distance_from_a_finer_grid(chair, image, snr):
     scene, A = chair
     rendering = rendering_of(scene, image, snr=snr, bounces=1)
@@ -45,6 +45,22 @@ def test_error_by_areas_bounds_the_distance_from_a_finer_grid(chair, image, snr)
     finest = A @ image.reshape(-1, 3)
     off = rms(rendering.photograph.reshape(-1, 3) - finest) / rms(finest)
     assert 0.2 * rendering.relative_error < off < 1.2 * rendering.relative_error + 3e-5
+
+
+@pytest.mark.parametrize("snr", [30, 45, 55, 65])
+@pytest.mark.parametrize("by_areas", [True, False])
+def test_a_photograph_has_wall_points_of_its_own(chair, snr, by_areas, monkeypatch):
+    """A's grid, whose error it would share, has the first number of points or even multiples."""
+    made, (scene, _) = [], chair
+
+    def watched(_, seen, f):
+        made.append(seen.view.across // points_across(scene.photograph_shape))
+        return f[:1].repeat(len(seen.view.centers), axis=0) * (1 + 0.3 ** len(made))
+
+    monkeypatch.setattr(photograph, "_by_channel", watched)
+    monkeypatch.setattr(photograph, "has_areas", lambda _: by_areas)
+    rendering_of(scene, np.ones((1, 2, 3)), snr=snr, bounces=1)
+    assert made[-1] % 2 == 1 < made[-1] if by_areas else made[-2:] == [2, 2]
 
 
 def test_error_by_rays_is_the_distance_from_areas(chair, image, monkeypatch):
@@ -121,6 +137,8 @@ def test_detail_of_images_of_any_channels_lights_the_wall(room, reflectance):
     lights = [photograph.detail_light(scene, {"monitor": image[..., :n]}) for n in (1, 3, 4)]
     assert [each.shape for each in lights] == [(len(lights[0]), n) for n in (1, 3, 4)]
     np.testing.assert_allclose(lights[2][:, :1], lights[0], rtol=1e-6)
+    even = photograph.detail_light(scene, {"monitor": np.ones((2, 3, 1))})
+    assert np.abs(even).max() < 1e-9 * np.abs(lights[0]).max()
     same = 0.1 if reflectance is None else 1e-6
     assert rms(lights[1] - lights[2][:, :3]) <= same * rms(lights[1])
 
@@ -165,8 +183,9 @@ def test_error_of_a_composite_is_that_of_its_parts():
     assert rms(off) == pytest.approx(composite_error(signal, ambient, 0.4, 0.01, 0.01), rel=0.1)
 
 
-def test_bounced_light_of_any_channels_is_that_of_the_surfaces_mean(shipped):
+def test_bounced_light_of_any_channels_is_that_of_the_surfaces_mean(shipped, monkeypatch):
     """By the same rays: a channel alone meets the mean of red, green and blue."""
+    monkeypatch.setattr(photograph.bounced, "PATHS", 64)
     scene, image = shipped("bright_room", resolution=8), np.random.default_rng(0).random((6, 8, 1))
     grey = photograph.bounced_light(scene, {"monitor": image})
     three = photograph.bounced_light(scene, {"monitor": image.repeat(3, axis=2)})

@@ -176,7 +176,7 @@ def test_jittered_samples_are_unbiased_in_penumbrae(room, same_mean):
 
 @pytest.mark.parametrize("lanes", [1, 1000, 1 << 22])
 def test_every_pass_gives_the_bytes_of_the_stored_matrix(shipped, lanes, monkeypatch):
-    scene = shipped("chair", (4, 5), 12).averaged(2)
+    scene = shipped("chair", (4, 5), 6).averaged(2)
     settings = {"samples": 6, "seed": 3}
     A = render_transport(scene, **settings)
     monkeypatch.setattr(shadow_rays, "LANES", lanes)

@@ -35,12 +35,12 @@ def images():
 
 
 def test_each_surface_lights_the_wall_and_hides_the_other(two, images):
-    """Against Mitsuba's path tracer, whose noise is some 1e-3 of the mean."""
-    y = ps.render_photograph(two, images, samples=1 << 16, bounces=1, seed=1)
+    """Against Mitsuba's path tracer, whose noise is some 2e-3 of the mean."""
+    y = ps.render_photograph(two, images, samples=1 << 14, bounces=1, seed=1)
     for by in ("areas", "rays"):
         A = ps.transport(two, by=by)
         lit = (A @ two.hidden.vector(images)).reshape(y.shape)
-        np.testing.assert_allclose(lit, y, rtol=0, atol=0.015 * y.mean())
+        np.testing.assert_allclose(lit, y, rtol=0, atol=0.02 * y.mean())
     assert two.hidden.slices == {"monitor": slice(0, 6), "hidden_card": slice(6, 12)}
 
 
@@ -53,18 +53,18 @@ def test_a_transparent_surface_hides_nothing(room, images, bounces):
         ps.load_scenario(room.write(PLATE, monitor=room.monitor(room.area)), SIZES["monitor"]),
         ps.load_scenario(room.write(PLATE + card, monitor=""), SIZES["hidden_card"]),
     )
-    options = {"samples": 1 << 16, "bounces": bounces, "seed": 1}
+    options = {"samples": 1 << 14, "bounces": bounces, "seed": 1}
     y = ps.render_photograph(two, images, **options)
-    parts = [
-        ps.render_photograph(each, image, **options)
-        for each, image in zip(alone, images.values(), strict=True)
-    ]
-    np.testing.assert_allclose(y, sum(parts), rtol=0, atol=0.015 * y.mean())
     if bounces == 1:
         for by in ("areas", "rays"):
             lit = (ps.transport(two, by=by) @ two.hidden.vector(images)).reshape(y.shape)
-            np.testing.assert_allclose(lit, y, rtol=0, atol=0.015 * y.mean())
+            np.testing.assert_allclose(lit, y, rtol=0, atol=0.02 * y.mean())
     else:
+        parts = [
+            ps.render_photograph(each, image, **options)
+            for each, image in zip(alone, images.values(), strict=True)
+        ]
+        np.testing.assert_allclose(y, sum(parts), rtol=0, atol=0.02 * y.mean())
         with pytest.raises(SceneError, match="'hidden_card' is transparent"):
             ps.transport(two, bounces=bounces)
 
@@ -91,7 +91,7 @@ def test_light_that_bounces_is_told_apart_by_surface(room):
     for name, part in scene.hidden.slices.items():
         white = {n: np.full((1, 1, 3), float(n == name)) for n in SIZES}
         both, once = (
-            ps.render_photograph(scene, white, samples=1 << 16, bounces=b, seed=2) for b in (3, 1)
+            ps.render_photograph(scene, white, samples=1 << 14, bounces=b, seed=2) for b in (3, 1)
         )
         expected = (both - once).mean()
         assert A[:, part].sum(axis=1).mean() == pytest.approx(expected, rel=0.05)
@@ -164,11 +164,8 @@ def test_bounced_light_of_some_pixels_has_their_rows(two):
     pixels = np.zeros(two.photograph_shape, bool)
     pixels[1:3, 2:] = True
     part = ps.Scenario(two.view.of_pixels(pixels), two.hidden)
-    A, whole = (
-        ps.add_bounces(each, ps.transport(each, by="areas", noise=0.1), 2) for each in (part, two)
-    )
-    np.testing.assert_array_equal(A.bounced.over_wall, whole.bounced.over_wall[pixels.ravel()])
-    assert A.shape == part.transport_shape
+    some, whole = (ps.render_bounced_light(each, bounces=2, target=0.1) for each in (part, two))
+    np.testing.assert_array_equal(some.over_wall, whole.over_wall[pixels.ravel()])
 
 
 @pytest.mark.parametrize("faces", [31])

@@ -34,10 +34,10 @@ def test_beyond_the_budget_the_error_is_warned_of(shipped, monkeypatch):
         ps.transport(scene, by="rays", noise=2 * plan.error)
 
 
-@pytest.mark.parametrize(("near", "noise"), [(0, 1e-4), (0.3, 1e-3)])
-def test_error_by_areas_is_the_distance_from_the_mean_over_each_pixel(shipped, near, noise):
+@pytest.mark.parametrize(("near", "noise", "pixels"), [(0, 3e-4, 24), (0.3, 1e-3, 12)])
+def test_error_by_areas_is_the_distance_from_the_mean_over_each_pixel(shipped, near, noise, pixels):
     """Of white light, by four times the points; the nearer the chair, the sharper its shadows."""
-    scene = shipped("chair").at(occluder_dy=near)
+    scene = shipped("chair", resolution=pixels).at(occluder_dy=near)
     plan = plan_transport(scene, noise)
     exact, light = (
         ps.analytic_transport(scene.averaged(across)).sum(axis=1, dtype=float)

@@ -64,8 +64,8 @@ def test_albedo_follows_a_camera_that_moves_over_a_texture(room):
         "</transform>", '<translate x="$dx"/></transform>', 1
     )
     path = room.write(wall=wall, camera=camera)
-    moved = load_scenario(path, (2, 3)).averaged(2).at(dx=0.05).view
-    anew = load_scenario(path, (2, 3), {"dx": "0.05"}).averaged(2).view
+    moved = load_scenario(path, (2, 3)).at(dx=0.05).view
+    anew = load_scenario(path, (2, 3), {"dx": "0.05"}).view
     for name in ("reflectance", "texture"):
         np.testing.assert_allclose(getattr(moved, name), getattr(anew, name), atol=5e-3)
     still = load_scenario(path, (2, 3)).view

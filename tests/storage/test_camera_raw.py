@@ -72,19 +72,6 @@ def test_a_turned_camera_gives_an_upright_picture(tmp_path):
         assert np.array_equal(turned.values, np.rot90(upright.values, quarters))
 
 
-def test_noise_stays_white(tmp_path):
-    """Demosaicing by interpolation would correlate neighbours by a half or so."""
-    mosaic = RNG.normal(5000, 50, (256, 256)).round().astype(np.uint16)
-    exposure, _ = read_sensor_image(write_dng(tmp_path / "y.dng", mosaic))
-    noise = exposure.values - exposure.values.mean(axis=(0, 1))
-    for channel, deviation in zip(
-        np.moveaxis(noise, -1, 0), (50, 50 / np.sqrt(2), 50), strict=True
-    ):
-        beside = np.mean(channel[:, 1:] * channel[:, :-1]) / np.mean(channel**2)
-        assert abs(beside) < 5 / 128  # five standard errors
-        assert channel.std() == pytest.approx(deviation, rel=0.03)
-
-
 def test_a_raw_file_states_its_colours_for_an_srgb_monitor(tmp_path, monkeypatch):
     """Of a Nikon D3, from XYZ, as dcraw's table `adobe_coeff` has them, and sRGB's own."""
     camera = 8139, -2171, -663, -8747, 16541, 2295, -1925, 2008, 8093

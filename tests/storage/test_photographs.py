@@ -17,7 +17,6 @@ SHAPE = (6, 9)
 RNG = np.random.default_rng(3)
 COUNTS = RNG.integers(0, 65536, (*SHAPE, 3)).astype(np.uint16)
 CODES = (COUNTS >> 8).astype(np.uint8)
-LIGHT = RNG.standard_normal((*SHAPE, 3))  # negatives: a dark frame was subtracted
 
 
 def save_png(path, values, **options):
@@ -60,21 +59,6 @@ def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path):
             of_array = Photograph.of(values)
             for each in photograph, of_array:
                 assert len(each.warnings) == (values.dtype == np.uint8)
-
-
-def test_planes_and_pages_of_tiff_come_back_as_rows_columns_channels(tmp_path):
-    planes = np.ascontiguousarray(np.moveaxis(COUNTS, -1, 0))
-    tifffile.imwrite(tmp_path / "planes.tif", planes, photometric="rgb", planarconfig="separate")
-    tifffile.imwrite(tmp_path / "pages.tif", LIGHT, photometric="minisblack")
-    assert np.array_equal(read(tmp_path / "planes.tif").values, COUNTS)
-    assert np.array_equal(read(tmp_path / "pages.tif").values, LIGHT)
-
-
-def test_npy_of_any_number_type_and_order(tmp_path):
-    for values in np.asfortranarray(LIGHT.astype(">f8")), COUNTS.astype(np.int64) - 30000:
-        found = read(save_npy(tmp_path / "y.npy", values)).values
-        assert found.dtype == np.dtype("=f8") and found.flags.c_contiguous
-        assert np.array_equal(found, values)
 
 
 def test_one_channel_is_grey(tmp_path):
