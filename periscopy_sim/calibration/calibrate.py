@@ -122,7 +122,7 @@ def _calibrated(
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     fine, names = problem.fine(), problem.names
     whole = problem.joint()
-    search = Search(problem.coarse(), problem.large(), fine, whole, seed, progress)
+    search = Search(problem.coarse(), fine, whole, seed, progress)
     level, end = search.best(search.starts())
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))

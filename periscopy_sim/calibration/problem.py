@@ -28,16 +28,14 @@ from periscopy_sim.photograph import Photograph
 from periscopy_sim.storage.pictures import area_average, averaged_photograph
 from periscopy_sim.view import Geometry, View
 
-MOST_PATCHES, LARGER = 36, 2
-"""Patches along a side of each hidden image: of more, a coarser image serves. And how many times as
-large they are for the first descents with images of few edges."""
+MOST_PATCHES = 36
+"""Patches along a side of each hidden image: of more, a coarser image serves."""
 
 COARSE_PIXELS, COARSE_HATS = 1000, 24
 """Pixels of the coarse level, about, and hat functions along the longer side of its images."""
 
-POINTS, LARGE_POINTS = 63, 48
-"""Along the longer side of the wall, at least, where derivatives are computed, of large patches A
-too: by one point a pixel, 31, a plate lost 10 dB where large patches decided."""
+POINTS = 63
+"""Along the longer side of the wall, at least, where derivatives are computed."""
 
 PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
 """Least pixels per patch of the fine level, and of the level that gives the errors."""
@@ -107,14 +105,6 @@ class CalibrationProblem:
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
         return self._level(0.0, self._smooth, points=1)
-
-    def large(self) -> ResolutionLevel | None:
-        """Return the level of unknown images in large patches, if there are any."""
-        if not self.has_unknown_images:
-            return None
-        longest = max(map(max, self.hidden.shapes.values()))
-        hidden = self._in_patches(max(1, longest // LARGER))
-        return self._level(PIXELS_A_PATCH, self._sharp(hidden), hidden, points=LARGE_POINTS)
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""

@@ -106,8 +106,8 @@ class Calibration:
         (P, P) of the free parameters' standard errors.
     path
         (J, P + 1) each: values and evidence of the draws, and of where the coarse, the fine and the
-        last descents ended at each temperature; the coarse ones include those in large patches, the
-        fine ones those of images aside. Evidences of one kind of descent alone compare.
+        last descents ended at each temperature; the fine ones include those of images aside.
+        Evidences of one kind of descent alone compare.
     residual_before, residual
         (rows, columns, 3) residual of the first photograph at the start and at the end, over the
         root mean square of all photographs; 0 in pixels that the search does not use.

@@ -10,7 +10,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Use all pixels, and follow two of four draws."""
     monkeypatch.setattr(problem, "COARSE_PIXELS", SIDE**2)
     monkeypatch.setattr(search, "DRAWS", 4)
-    monkeypatch.setattr(search, "LARGE_SURVIVORS", (2, 2, 2))
+    monkeypatch.setattr(search, "PROPOSED", 2)
 
 
 @pytest.fixture

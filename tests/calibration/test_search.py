@@ -59,14 +59,8 @@ class Valleys:
 
 def test_fine_descents_start_once_in_each_valley_first_in_the_priors_own() -> None:
     level: Any = Valleys([0.0, 1.6])
-    own, other = Search(level, level, level, level, 0).starts()
+    own, other = Search(level, level, level, 0).starts()
     assert own.point == pytest.approx(0, abs=0.1) and other.point == pytest.approx(1.6, abs=0.1)
-
-
-def test_images_in_large_patches_propose_valleys_that_smooth_images_lack() -> None:
-    levels: Any = Valleys([0.5]), Valleys([1.6]), Valleys([0.5, 1.6])
-    own, other = Search(*levels, levels[0], 0).starts()
-    assert own.point == pytest.approx(0.5, abs=0.1) and other.point == pytest.approx(1.6, abs=0.1)
 
 
 @pytest.mark.parametrize(("depth", "found"), [(300.0, 1.6), (4.0, 0.0)])
@@ -75,7 +69,7 @@ def test_the_deepest_valley_wins_if_it_is_significantly_deeper(depth: float, fou
     level: Any = Valleys([0.0, 0.8, 1.6], depth=depth)
     starts = [level.candidate(np.array([place])) for place in (0.0, 0.8, 1.03)]
     assert starts[2].cost > starts[1].cost
-    _, best = Search(level, None, level, level, 0).best(starts)
+    _, best = Search(level, level, level, 0).best(starts)
     assert best.point == pytest.approx(found, abs=0.1)
 
 
@@ -93,7 +87,7 @@ def test_nothing_follows_a_descent_that_leaves_the_prior(sharper: float, last: f
         def visit(self, stage: int, candidate: Candidate) -> None:
             visited.append((stage, candidate))
 
-    _, best = Watched(level, None, level, level, 0).best([level.candidate(np.zeros(1))])
+    _, best = Watched(level, level, level, 0).best([level.candidate(np.zeros(1))])
     assert (visited[-1][0], visited[-1][1].temperature) == (3, last)
     assert best.temperature == 4 and best.point == pytest.approx(2.0, abs=0.05)
 
@@ -104,7 +98,7 @@ def test_a_search_hops_out_of_valleys_whose_image_lies_a_patch_aside(
 ) -> None:
     """Of an occluder that stands as much aside, where a descent alone stays."""
     problem = small.problem()
-    search = Search(problem.coarse(), problem.large(), problem.fine(), problem.joint(), 0)
+    search = Search(problem.coarse(), problem.fine(), problem.joint(), 0)
     start = np.append(list(TRUTH.values()), np.zeros(len(search.fine.terms)))
     start[:2] += aside
     stays = search.fine.look(search.fine.candidate(start), 8.0)
@@ -132,7 +126,7 @@ def test_places_of_the_image_that_are_as_likely_widen_the_errors(
 ) -> None:
     """Of a place that is a ruler error away, and as likely but for that: e^-½ / (½ + e^-½)."""
     level: Any = Valleys([0.0, 1.0], bend=100.0, depth=deeper)
-    search = Search(level, None, level, Placed([0.0]), 0)  # type: ignore[arg-type]
+    search = Search(level, level, Placed([0.0]), 0)  # type: ignore[arg-type]
     search.best([level.candidate(np.zeros(1))])
     assert search.spread[0] == pytest.approx(variance, abs=0.1)
 
@@ -144,7 +138,7 @@ def test_an_end_that_falls_back_is_no_rival(small: Small) -> None:
         small.problem(), scenario=scenario, names=("monitor_turn",), centers=np.array([0.3]),
         errors=np.array([0.5]),
     )  # fmt: skip
-    search = Search(alone.coarse(), alone.large(), alone.fine(), alone.joint(), 0)
+    search = Search(alone.coarse(), alone.fine(), alone.joint(), 0)
     _, found = search.best(search.starts())
     assert found.point[0] == pytest.approx(0.3, abs=0.2) and search.rivals == []
 
