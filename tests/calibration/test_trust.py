@@ -8,11 +8,13 @@ from scipy.stats import chi2
 from periscopy_sim.calibration.resolution_level import Look
 from periscopy_sim.calibration.result import LEARNED
 from periscopy_sim.calibration.trust import (
+    MARGIN,
     MISFIT,
     determined_count,
     doubts,
     is_significant,
     misfits,
+    standard_errors,
 )
 
 NAMES = ("dx", "dy")
@@ -31,11 +33,26 @@ def test_what_nothing_speaks_against_is_not_doubted() -> None:
 
 @pytest.mark.parametrize(
     ("distances", "known", "misfit"),
-    [([18.0, 0.0], 1.0, 0.1), ([0.0, 0.0], 0.9 * LEARNED, 0.1), ([0.0, 0.0], 1.0, 1.1 * MISFIT)],
+    [
+        ([18.0, 0.0], 1.0, 0.1),
+        ([-18.0, 0.0], 1.0, 0.1),
+        ([0.0, 0.0], 0.9 * LEARNED, 0.1),
+        ([0.0, 0.0], 1.0, 1.1 * MISFIT),
+    ],
 )
 def test_each_reason_is_a_doubt(distances: list[float], known: float, misfit: float) -> None:
     (doubt,) = doubts(NAMES, np.array(distances), known, np.array([misfit]))
-    assert ("dx" in doubt) == (distances[0] > 0) and "dy" not in doubt
+    assert ("dx" in doubt) == (distances[0] != 0) and "dy" not in doubt
+
+
+def test_an_error_counts_how_far_an_uncertain_number_moves_it() -> None:
+    """The photograph knows 99 / σ² of the number, and 60 of it together with the fixed one."""
+    joint = look(np.array([[99.0, 60.0], [60.0, 50.0]]))
+    uncertain = SimpleNamespace(standard_errors=np.array([0.5]))
+    problem: Any = SimpleNamespace(names=("dx",), errors=np.ones(1), uncertain=uncertain)
+    alone, total, _, moves = standard_errors(problem, joint)
+    assert moves == pytest.approx(-0.5 * 60 / 100) and alone == pytest.approx(MARGIN / 10)
+    assert total**2 == pytest.approx(alone**2 + moves[0] ** 2)
 
 
 def test_misfits_are_of_each_photograph_s_light_beyond_noise() -> None:
