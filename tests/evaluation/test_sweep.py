@@ -302,12 +302,13 @@ def test_an_infinite_ratio_is_a_photograph_without_ambient_light(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "name"),
     [
-        ({"methods": {}}, "algorithm"),
+        ({"methods": {}}, "methods"),
         ({"seeds": [1, 1]}, "seed"),
         ({"sbrs": [1, 0]}, "sbrs"),
         ({"snrs": [np.inf]}, "snrs"),
         ({"backgrounds": {"lamp": SIGNAL[1:]}}, "lamp'"),
         ({"signals": {"p": SIGNAL * np.nan}}, "p"),
+        ({"truths": {"q": TRUTH}}, "q"),
         ({"backgrounds": {"lamp": SIGNAL[..., :1]}}, "lamp'"),
     ],
 )
