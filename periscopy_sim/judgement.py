@@ -187,7 +187,7 @@ def remedies_of(
     excess = check_error(scenario, plan.origin, relative_noise(photograph)) if plan else []
     if excess and 2 * plan.error**2 > residual.misfit:  # the larger part of it
         return (Note("better_transport", excess[0].values),)
-    is_detail_tried = "patches" in residual.explained_by  # else it may pass for paint
+    is_detail_tried = "patches" in residual.explained_by  # untried detail can look like paint
     untried = {
         "patches": True, "numbers": known is None,
         "paint": is_detail_tried and not photograph.monitor_off,

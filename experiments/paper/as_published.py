@@ -27,7 +27,7 @@ that a hidden image is taken to have, where it decides when it stops; its most i
 
 
 class Published:
-    """Recover hidden images as the published code does; of one surface.
+    """Recover the image of one hidden surface as the published code does.
 
     The constants belong to the code's units, in which the hidden image lies in [0, 1]; there the
     uniform image that fits D y best is taken to be 1/4.
@@ -35,10 +35,20 @@ class Published:
     Parameters
     ----------
     scenario, A, B, mask
-        As of any method of one's own; see docs/own_method.md.
+        Those that every method of one's own gets; see docs/own_method.md.
+
+    Raises
+    ------
+    PeriscopyError
+        If B shows photographs with the monitor off, which the published code does not know.
     """
 
     def __init__(self, scenario: Any, A: Any, B: Any = None, mask: Any = None) -> None:
+        if B is not None and B.shape[1] > scenario.B.shape[1]:
+            raise ps.PeriscopyError(
+                "the published code knows no photographs with the monitor off; "
+                "leave them out, or use the method 'differencing'"
+            )
         self.method, self.mask = ps.Differencing.for_scene(scenario, A, B), mask
 
     def reconstruct(self, photograph: Any) -> Any:

@@ -263,15 +263,19 @@ VideoNumbers = Annotated[MethodNumbers, FOR_VIDEOS]
 def by_name(
     flag: str, entries: Iterable[Any] | None, names: Iterable[str], kind: Callable[[str], Value]
 ) -> dict[str, list[Value]]:
-    """Return what is given of each name: ``VALUE`` of the only one, or ``NAME=VALUE`` of each."""
+    """Return the values of each name, from ``NAME=VALUE``, or ``VALUE`` where there is one name.
+
+    A file that exists is a ``VALUE``, whatever it is called.
+    """
     values = {name: list[Value]() for name in names}
     for entry in map(str, entries or ()):
         name, equals, value = entry.partition("=")
-        if len(values) == 1 and not (equals and name in values):
+        is_file = kind is Path and Path(entry).exists()
+        if len(values) == 1 and (is_file or not (equals and name in values)):
             name, value = next(iter(values)), entry
         if name not in values:
             form = " ".join(f"{flag} {each}=..." for each in values)
-            raise PeriscopyError(f"{flag} {entry}: name what it belongs to: {form}")
+            raise PeriscopyError(f"{flag} {entry}: no '{name}' is here; write {form}")
         values[name].append(kind(value))
     return values
 

@@ -203,12 +203,12 @@ class CameraFolder:
         file, is_new = self._folder / name, time.monotonic() - self._since[version] < PATIENCE
         try:
             with file.open("rb") as stream:
+                if _version(name, os.fstat(stream.fileno())) != version:
+                    return None  # written anew since the look: the next one sees another version
                 stream.seek(max(0, size - ZEROS))
                 if is_new and not any(stream.read()):
                     return None
             light, warnings = self._read_file(file)
-            if _version(name, file.stat()) != version:
-                return None  # written anew since the look: the next one sees another version
         except (OSError, PhotographError) as error:
             self._failures[version] = str(error)
             if not is_new:

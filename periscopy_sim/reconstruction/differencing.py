@@ -37,11 +37,6 @@ def neighbour_differences(
     both its pixels are used, and the last pixel if it is; only the rows that count are returned.
     """
     rows, columns = photograph_shape
-    pixels = rows * columns if mask is None else np.count_nonzero(mask)
-    if len(A) != pixels:
-        raise validation.InputError(
-            f"a photograph of {rows}x{columns} pixels does not fit the {len(A)} rows of A"
-        )
     if mask is not None:
         whole = np.zeros((rows * columns, *A.shape[1:]), A.dtype)
         whole[np.ravel(mask)] = A
@@ -55,7 +50,7 @@ def neighbour_differences(
 
 
 class NormalEquations(NamedTuple):
-    """‖D(A f − y)‖² of C channels, fᵀG f − 2 hᵀf and a constant, with what else follows from y."""
+    """‖D(A f − y)‖² of C channels, fᵀG f − 2 hᵀf and a constant; and start, noise and level."""
 
     gram: Array  # (N, N) G = (D A)ᵀD A
     right: Array  # (N, C) h = (D A)ᵀD y
