@@ -61,6 +61,12 @@ def test_arrays_of_8_bits_are_linear_with_a_warning(tmp_path):
                 assert len(each.warnings) == (values.dtype == np.uint8)
 
 
+def test_planes_of_tiff_come_back_as_channels(tmp_path):
+    planes = np.ascontiguousarray(np.moveaxis(COUNTS, -1, 0))
+    tifffile.imwrite(tmp_path / "planes.tif", planes, photometric="rgb", planarconfig="separate")
+    assert np.array_equal(read(tmp_path / "planes.tif").values, COUNTS)
+
+
 def test_one_channel_is_grey(tmp_path):
     grey = COUNTS[..., 0]
     tifffile.imwrite(tmp_path / "y.tif", grey, photometric="minisblack")

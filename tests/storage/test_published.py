@@ -85,6 +85,12 @@ def test_set_is_downloaded_once(server):
     assert server[2] == [FRAME, STILL]
 
 
+def test_cut_download_is_tried_again(server):
+    server[1].update(FILES)
+    assert contents(ps.fetch("small-set")) == FILES
+    assert server[2] == [FRAME, FRAME, STILL, STILL]
+
+
 def test_damaged_file_is_rejected_by_name_and_not_kept(server, tmp_path):
     server[0][STILL] = FILES[STILL][:-1] + b"!"
     with pytest.raises(PeriscopyError, match=STILL):
