@@ -108,7 +108,8 @@ class CalibrationProblem:
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
-        level = self._level(PIXELS_A_PATCH, self._sharp(self.hidden))
+        sharp = SharpImages(self.hidden, self.photographs[0].channels)
+        level = self._level(PIXELS_A_PATCH, sharp)
         finest = self._averaged[0]
         across, part = points_across(finest.shape), level.scene.scenario
         scene = self._scene(finest.pixels, across, part.hidden)
@@ -135,9 +136,6 @@ class CalibrationProblem:
     def _smooth(self) -> SmoothImages:
         return SmoothImages.hats(self.hidden, self._in_patches(COARSE_HATS))
 
-    def _sharp(self, hidden: Hidden) -> SharpImages:
-        return SharpImages(hidden, self.photographs[0].channels)
-
     def _in_patches(self, longest: int) -> Hidden:
         """Return the hidden surfaces in at most so many patches along a side."""
         return Hidden.of_scene(self.scenario.scene, limit_sizes(self.scenario.hidden, longest))
@@ -153,15 +151,14 @@ class CalibrationProblem:
         self,
         a_patch: float,
         unknown: SmoothImages | SharpImages,
-        hidden: Hidden | None = None,
         points: int = POINTS,
     ) -> ResolutionLevel:
         """Return the level of averaged photographs, of about so many pixels a patch.
 
         `COARSE_PIXELS` is the least, if there are as many.
         """
-        hidden = hidden or self.hidden
-        finest, count = self._averaged[0], max(COARSE_PIXELS, a_patch * hidden.patches)
+        hidden, finest = self.hidden, self._averaged[0]
+        count = max(COARSE_PIXELS, a_patch * hidden.patches)
         by = max(1, round(np.sqrt(finest.pixels.sum() / count)))
         shape = limit_size(finest.shape, max(finest.shape) // by)
         averaged = [averaged_photograph(photograph, shape) for photograph in self._averaged]

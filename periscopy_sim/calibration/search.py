@@ -6,7 +6,7 @@ cheap. From the best of these, and from the measured values, descents by smooth 
 valleys' bottoms. A descent begins where the evidence counts for little, so that only what the
 photographs show beyond doubt leaves the prior, and goes on as it counts for more and more (a
 homotopy: Blake and Zisserman, Visual Reconstruction, 1987). Fine descents follow from the best
-ends, whose images are nonnegative and have few edges; soon only two go on, then the likelier one,
+ends. Their images are nonnegative and have few edges; soon only two go on, then the better one,
 until it gains little. An image and a scene that move together send the wall nearly the same light,
 so the search hops to places aside as long as the photographs
 show that the image belongs there; those that remain likely widen the errors. The end is not at the
@@ -47,18 +47,17 @@ DRAWS, WIDTH = 256, 1.5
 APART = 0.4
 """Standard deviations of the prior by which draws differ that are proposed."""
 
-PROPOSED, JOINING = 12, 30.0
-"""Most draws that descend, and the temperature at which they join the descent from the centre; of
+PROPOSED, JOINING = 12, 2
+"""Most draws that descend, and the number of the temperature at which they join the descent from the centre; of
 these, half go on after each temperature. In eleven photographs by plain Mitsuba, and a real one of
 a ball, the right valley was then the first or the second of the draws' ends."""
 
 STARTS = 3
 """Most places from which fine descents start, the end of the centre's descent one of them."""
 
-SURVIVORS = 3, 2
-"""How many fine descents go on after `HOTTEST`, and after each temperature from then on, until the
-better one is chosen after the last. A shelf of `wrong_scenes` loses 18.7 dB if one is chosen before
-the first, a mesh 8 dB after the fifth."""
+SURVIVORS = 2
+"""How many fine descents go on after the second temperature, until the better one is chosen after
+the last: a mesh of `wrong_scenes` loses 8 dB if that is the fifth."""
 
 DAMPING, SHORTER = 1e-3, 4.0
 """Fraction of the information that is added to it, and factor of the curvature after a step too far
@@ -83,9 +82,9 @@ SHIFTS, FAINT = (0.5, 1.0, 2.0, 4.0, 8.0), 5.0
 UNLIKELY = 0.05
 """Probability, against the best place, above which a place aside is a rival; chosen."""
 
-SHARES = 0.08, 0.12, 0.7, 0.06
-"""Fractions of the time that draws, coarse, fine and last descents take (a real chair),
-places aside being fine ones, for the progress alone; the rest is the standard errors'."""
+SHARES = 0.07, 0.11, 0.73, 0.05
+"""Fractions of the time that draws, coarse, fine and last descents take (a real chair), places
+aside being fine ones, for the progress alone; the rest is the standard errors'."""
 
 
 def fine_cooling(photographs: int) -> list[float]:
@@ -210,8 +209,8 @@ class Search:
         """
         level, drawn = self.coarse, self._scanned()
         own, others = level.look(level.candidate(level.center)), list[Look]()
-        for T in COOLING:
-            if T == JOINING:
+        for k, T in enumerate(COOLING):
+            if k == JOINING:
                 others = [level.look(each) for each in drawn]
             own, *others = [
                 self._descended(level, 1, look, T * level.photographs) for look in (own, *others)
@@ -244,25 +243,26 @@ class Search:
         looks = [level.look(start, cooling[0]) for start in starts]
         for T in cooling:
             looks = self._ranked(level, [self._cooled(level, 2, look, T) for look in looks])
-            looks = looks[: SURVIVORS[level is not self.fine]]
             if level is self.fine:
                 level, looks = _with_misfit(level, looks)
+            else:
+                looks = looks[:SURVIVORS]
         best = self._hopped(level, self._settled(level, looks[0]))
         self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
         return self._end(level, best)
 
     def _ranked(self, level: ResolutionLevel, looks: list[Look]) -> list[Look]:
-        """Return looks, the likeliest first; but the first stays unless another is much likelier.
+        """Return looks, the best first; but the first stays unless another is significantly better.
 
-        They are compared at the hottest of their temperatures.
+        They are compared at the hottest of their temperatures, with all images integrated over that
+        have the edges of a look's: in dim light the likeliest image of few edges is black anywhere.
         """
         if len(looks) == 1:
             return looks
         T = max(look.temperature for look in looks)
-        surprises = [self._place(level, look, T).surprise for look in looks]
-        order = sorted(range(len(looks)), key=surprises.__getitem__)
-        gain = 2 * (surprises[0] - surprises[order[0]])
-        if not trust.is_significant(gain, len(looks[0].point)):
+        edged = [level.with_edges(look).candidate(look.point).objective_at(T) for look in looks]
+        order = sorted(range(len(looks)), key=edged.__getitem__)
+        if not trust.is_significant(edged[0] - edged[order[0]], len(looks[0].point)):
             order.sort(key=lambda k: k > 0)
         return [looks[k] for k in order]
 
