@@ -48,9 +48,9 @@ APART = 0.4
 """Standard deviations of the prior by which draws differ that are proposed."""
 
 PROPOSED, JOINING = 12, 2
-"""Most draws that descend, and the number of the temperature at which they join the descent from the centre; of
-these, half go on after each temperature. In eleven photographs by plain Mitsuba, and a real one of
-a ball, the right valley was then the first or the second of the draws' ends."""
+"""Most draws that descend, and the number of the temperature at which they join the descent from
+the centre; half of these go on after each temperature. In eleven photographs by plain Mitsuba, and
+a real one of a ball, the right valley was then the first or the second of the draws' ends."""
 
 STARTS = 3
 """Most places from which fine descents start, the end of the centre's descent one of them."""
