@@ -290,6 +290,11 @@ class Search:
             if not asides or here.against(asides[0]) < 1:
                 break
             here = self._ended(level, asides[0], T)
+        if asides and here.against(asides[0]) > 0:  # no other look at what lies aside of it
+            best, former = asides[0], replace(here, patches=asides[0].patches)
+            lines = [[former, *(each for each in line if each is not best)] for line in lines]
+            asides = sorted([former, *asides[1:]], key=lambda each: each.surprise)
+            here = self._ended(level, best, T)
         self.spread[:] = [self._moments(here, line) for line in lines]
         for aside in asides[:ASIDES]:
             if expit(here.against(aside)) > UNLIKELY and self._has_barrier(level, here, aside, T):

@@ -131,6 +131,16 @@ def test_places_of_the_image_that_are_as_likely_widen_the_errors(
     assert search.spread[0] == pytest.approx(variance, abs=0.1)
 
 
+def test_a_search_ends_at_the_likeliest_of_its_places() -> None:
+    """Where it came from is a rival, though no other place is e times as likely."""
+    level: Any = Valleys([0.0, 1.0], bend=100.0, depth=0.0)
+    search = Search(level, level, Placed([0.0]), 0)  # type: ignore[arg-type]
+    _, found = search.best([level.candidate(np.ones(1))])
+    ((rival, odds),) = search.rivals
+    assert found.point == pytest.approx(0, abs=0.1) and rival.point == pytest.approx(1, abs=0.1)
+    assert 0.5 < odds < 1 and search.spread[0] == pytest.approx(0.55, abs=0.1)
+
+
 def test_an_end_that_falls_back_is_no_rival(small: Small) -> None:
     """Where only the monitor's turn is free, nothing can follow an image aside."""
     scenario = small.scenario.at(**TRUTH)
