@@ -155,6 +155,7 @@ class CameraFolder:
         self._folder, self._read_file = folder, read
         self._since = dict[FileVersion, float]()  # when those that are not done were first there
         self._failures = dict[FileVersion, str]()  # why it cannot be read, or not yet
+        self._restless = dict[str, float]()  # names written as they were read, since when
         self._done, self._format = set[FileVersion](), ""
         self._old: set[FileVersion] | None = None  # there at the first look
 
@@ -203,12 +204,12 @@ class CameraFolder:
         file, is_new = self._folder / name, time.monotonic() - self._since[version] < PATIENCE
         try:
             with file.open("rb") as stream:
-                if _version(name, os.fstat(stream.fileno())) != version:
-                    return None  # written anew since the look: the next one sees another version
                 stream.seek(max(0, size - ZEROS))
                 if is_new and not any(stream.read()):
                     return None
             light, warnings = self._read_file(file)
+            if not self._has_rested(version):
+                return None
         except (OSError, PhotographError) as error:
             self._failures[version] = str(error)
             if not is_new:
@@ -220,6 +221,19 @@ class CameraFolder:
         for warning in warnings:
             say(warning)
         return light
+
+    def _has_rested(self, version: FileVersion) -> bool:
+        """Return whether a file is still of the version that was looked at, or is gone.
+
+        Else it may be half of each, and the next look sees the other one. A camera that always
+        writes while its file is read is believed after `PATIENCE`.
+        """
+        with suppress(OSError):
+            if _version(version[1], (self._folder / version[1]).stat()) != version:
+                since = self._restless.setdefault(version[1], time.monotonic())
+                return time.monotonic() - since > PATIENCE
+            self._restless.pop(version[1], None)
+        return True
 
     def _give_up(self, version: FileVersion, say: Say) -> None:
         self._done.add(version)
