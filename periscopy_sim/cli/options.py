@@ -275,7 +275,7 @@ def by_name(
             name, value = next(iter(values)), entry
         if name not in values:
             form = " ".join(f"{flag} {each}=..." for each in values)
-            raise PeriscopyError(f"{flag} {entry}: no '{name}' is here; write {form}")
+            raise PeriscopyError(f"{flag} {entry}: write {form}")
         values[name].append(kind(value))
     return values
 

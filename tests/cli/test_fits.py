@@ -135,7 +135,7 @@ def test_wrong_id_is_named(refused, tmp_path):
         (("--hidden", "bar=2x2"), "rename the shape hidden_bar"),
         (
             ("--truth", "monitor=mushroom", "--truth", "crad=letters"),
-            "--truth crad=letters: no 'crad'",
+            "--truth crad=letters: write --truth monitor=",
         ),
     ]:
         line = refused(

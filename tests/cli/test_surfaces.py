@@ -179,7 +179,7 @@ def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp
     assert np.array(record["colour_matrix"]) == pytest.approx(np.eye(3), abs=0.05)
     assert record["hidden_shape"] == {name: [*size] for name, size in SIZES.items()}
     line = refused(*given, "--shown", "bars", "--out", "no.xml")
-    assert line.startswith("--shown: ") and line.endswith("monitor=..., hidden_card=...")
+    assert line == "--shown bars: write --shown monitor=... --shown hidden_card=..."
 
 
 @pytest.mark.thorough
