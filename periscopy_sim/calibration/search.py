@@ -49,8 +49,8 @@ APART = 0.4
 
 PROPOSED, JOINING = 12, 2
 """Most draws that descend, and the number of the temperature at which they join the descent from
-the centre; half of these go on after each temperature. In eleven photographs by plain Mitsuba, and
-a real one of a ball, the right valley was then the first or the second of the draws' ends."""
+the centre; half of these go on after each temperature. In ten photographs by plain Mitsuba, and a
+real one of a ball, the right valley was then the first or the second of the draws' ends."""
 
 STARTS = 3
 """Most places from which fine descents start, the end of the centre's descent one of them."""
@@ -290,7 +290,8 @@ class Search:
             if not asides or here.against(asides[0]) < 1:
                 break
             here = self._ended(level, asides[0], T)
-        if asides and here.against(asides[0]) > 0:  # no other look at what lies aside of it
+        if asides and here.against(asides[0]) > 0:
+            # What lies aside of it was seen from here: another look might lead on by little odds.
             best, former = asides[0], replace(here, patches=asides[0].patches)
             lines = [[former, *(each for each in line if each is not best)] for line in lines]
             asides = sorted([former, *asides[1:]], key=lambda each: each.surprise)
