@@ -236,7 +236,7 @@ class Faces(Way):
 
     def fill(self, rows: slice, out: NDArray[Any]) -> None:
         """Fill `out` with the light of each patch in some rows, over the scale."""
-        points, normals = self.points[rows], self.normals[rows]
+        points, normals = map(np.ascontiguousarray, (self.points[rows], self.normals[rows]))
         clipped_rows(points, normals, self.faces, self.grid, self.exponents, out)
 
     def linearized(
@@ -281,7 +281,7 @@ def way_to(scenario: Geometry, name: str, *, by_faces: bool = False) -> Way:
     wall = wall_plane(view)
     if view.relief > LIFT * np.ptp(view.points @ wall.across):
         raise no_closed_form(scene, "wall", "has parts that stand out of the plane that is seen")
-    exponents = np.array([emission.vertical, emission.horizontal])
+    exponents = np.array([emission.vertical, emission.horizontal], np.float64)
     scale = float(view.even.albedo) / np.pi
     outlines = None if by_faces else outlines_on(view, name, surface, exponents, scale)
     if outlines is not None:

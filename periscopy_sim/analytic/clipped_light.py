@@ -171,26 +171,37 @@ def _planes_from(p: Array, faces: Array, planes: Array) -> int:
 
     Faces seen edge-on hide nothing; the number of the others is returned.
     """
-    count = 0
+    count, ends = 0, np.empty((5, 3))
     for f in range(len(faces)):
-        a, b, c = faces[f, 0] - p, faces[f, 1] - p, faces[f, 2] - p
-        normal = np.cross(b - a, c - a)
-        length = np.sqrt(normal @ normal)
-        height = normal @ a
-        if abs(height) <= 1e-12 * length * np.sqrt(a @ a):
+        for axis in range(3):
+            for c in range(3):
+                ends[c, axis] = faces[f, c, axis] - p[axis]
+            ends[3, axis] = ends[1, axis] - ends[0, axis]
+            ends[4, axis] = ends[2, axis] - ends[0, axis]
+        a, plane = ends[0], planes[count]
+        length = _cross(ends[3], ends[4], plane[3])
+        height = length * (plane[3, 0] * a[0] + plane[3, 1] * a[1] + plane[3, 2] * a[2])
+        if not abs(height) > 1e-12 * length * np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]):
             continue
-        sign = 1.0 if height > 0 else -1.0
-        plane = planes[count]
-        plane[0, :3] = sign * np.cross(a, b)
-        plane[1, :3] = sign * np.cross(b, c)
-        plane[2, :3] = sign * np.cross(c, a)
-        plane[3, :3] = sign * normal
-        for side in range(4):
-            plane[side, :3] /= np.sqrt(plane[side, :3] @ plane[side, :3])
+        for side in range(3):
+            _cross(ends[side], ends[(side + 1) % 3], plane[side])
             plane[side, 3] = 0.0
         plane[3, 3] = (1 + GRAZE) * abs(height) / length
+        if height < 0:
+            for side in range(4):
+                for axis in range(3):
+                    plane[side, axis] = -plane[side, axis]
         count += 1
     return count
+
+
+@compiled
+def _cross(a: Array, b: Array, unit: Array) -> float:
+    """Begin `unit` with the unit vector of a cross product, whose length is returned."""
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    length = np.sqrt(x * x + y * y + z * z)
+    unit[0], unit[1], unit[2] = x / length, y / length, z / length
+    return float(length)
 
 
 @compiled
@@ -259,8 +270,9 @@ def _cut_square(cuts: Array, stack: Array) -> tuple[float, float, float]:
     """
     corners, following = np.empty(len(stack), np.int64), np.empty(len(stack), np.int64)
     inside, values = np.empty((CORNERS + 1, 2)), np.empty(CORNERS + 1)
-    stack[0, 0], stack[0, 1] = np.array([-0.5, -0.5]), np.array([0.5, -0.5])
-    stack[0, 2], stack[0, 3] = np.array([0.5, 0.5]), np.array([-0.5, 0.5])
+    for v in range(4):
+        stack[0, v, 0] = 0.5 if 0 < v < 3 else -0.5
+        stack[0, v, 1] = 0.5 if v > 1 else -0.5
     corners[0], following[0], top = 4, 0, 1
     total = aside = above = 0.0
     while top > 0:
@@ -270,7 +282,7 @@ def _cut_square(cuts: Array, stack: Array) -> tuple[float, float, float]:
             area, s, t = _moments(stack[top], n)
             total, aside, above = total + area, aside + s, above + t
             continue
-        inside[:n] = stack[top, :n]
+        _copy(stack[top], n, inside)
         for side in range(4):
             c0, c1, c2 = cuts[f, side]
             most, least = -np.inf, np.inf
@@ -282,7 +294,7 @@ def _cut_square(cuts: Array, stack: Array) -> tuple[float, float, float]:
             # What lies outside of one plane is seen past this face; the rest goes on.
             outside = stack[top]
             if most <= 0 or n + 1 > CORNERS:
-                outside[:n] = inside[:n]
+                _copy(inside, n, outside)
                 corners[top], following[top] = n, f + 1
                 top += 1
                 n = 0
@@ -292,8 +304,15 @@ def _cut_square(cuts: Array, stack: Array) -> tuple[float, float, float]:
             top += 1
             spare = stack[top]
             n = _half(inside, values, n, 1.0, spare)
-            inside[:n] = spare[:n]
+            _copy(spare, n, inside)
     return total, aside, above
+
+
+@compiled
+def _copy(polygon: Array, n: int, out: Array) -> None:
+    """Fill `out` with a polygon's corners; Numba compiles slices ten times as long."""
+    for v in range(n):
+        out[v, 0], out[v, 1] = polygon[v, 0], polygon[v, 1]
 
 
 @compiled
@@ -304,7 +323,7 @@ def _half(polygon: Array, values: Array, n: int, sign: float, out: Array) -> int
         w = v + 1 if v + 1 < n else 0
         here, there = sign * values[v], sign * values[w]
         if here >= 0:
-            out[count] = polygon[v]
+            out[count, 0], out[count, 1] = polygon[v, 0], polygon[v, 1]
             count += 1
         if (here > 0 and there < 0) or (here < 0 and there > 0):
             way = here / (here - there)
@@ -349,7 +368,7 @@ def _light(
         squared = x * x + y * y + z * z
         value = towards * ahead / (squared * squared)
         if exponents[0] != 0 or exponents[1] != 0:
-            height = ahead / np.sqrt(n @ n)
+            height = ahead / np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
             for axis in range(2):
                 way = patches.axes[j, g, axis]
                 along = way[0] * x + way[1] * y + way[2] * z

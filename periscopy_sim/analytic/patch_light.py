@@ -148,7 +148,8 @@ def border_of(p: Array, borders: Borders, shape: Indices) -> tuple[Array, Indice
             continue
         if min(ends[0, 0], ends[1, 0]) >= columns:
             continue
-        border[count, :2], border[count, 2:] = ends[upper], ends[lower]
+        for axis in range(2):
+            border[count, axis], border[count, 2 + axis] = ends[upper, axis], ends[lower, axis]
         layers[count] = turns[e] if upper == 0 else -turns[e]
         between[count, 0], between[count, 1] = edges[e, upper], edges[e, lower]
         count += 1
@@ -159,8 +160,12 @@ def border_of(p: Array, borders: Borders, shape: Indices) -> tuple[Array, Indice
 def outline_of(border: Array, layers: Indices, rows: int) -> list[Piece]:
     """Return what of a border parts shadow from light."""
     n, begun, count = len(border), 0, 0
-    stops = np.sort(np.minimum(np.maximum(border[:, 1::2], 0.0), rows).ravel())
-    downwards = np.argsort(border[:, 1])
+    heights = np.empty(2 * n)
+    for e in range(n):
+        heights[e], heights[n + e] = border[e, 1], border[e, 3]
+    downwards, stops = np.argsort(heights[:n]), np.empty(2 * n)
+    for k, e in enumerate(np.argsort(heights)):
+        stops[k] = min(max(heights[e], 0.0), rows)
     active, upper, lower = np.empty(n, np.int64), np.empty(n), np.empty(n)
     side, since = np.zeros(n, np.int64), np.empty(n)  # where shadow is now, as in `Piece`
     pieces = [(0, 0.0, 0.0, 0) for _ in range(0)]
@@ -226,11 +231,13 @@ def _crossings(active: Indices, upper: Array, lower: Array) -> list[float]:
             other = order[at - 1]
             apart = upper[e] - upper[other]
             if apart > 0:
-                parts.append(apart / (apart + lower[other] - lower[e]))
+                part, place = apart / (apart + lower[other] - lower[e]), len(parts)
+                while place > 0 and parts[place - 1] > part:
+                    place -= 1
+                parts.insert(place, part)
             order[at] = other
             at -= 1
         order[at] = e
-    parts.sort()
     return parts
 
 
@@ -419,7 +426,10 @@ def light_derivatives(
     P, K = len(moved.points), lit.points.shape[1]
     changes = np.empty((rows, columns, P))  # parameters side by side: loops vectorize
     gradient, motions = np.empty((NUMBERS, rows, columns)), np.empty((NUMBERS, P))
-    motions[6:8], motions[8:] = moved.cells.T, moved.exponents.T
+    for q in range(P):
+        for axis in range(2):
+            motions[6 + axis, q] = moved.cells[q, axis]
+            motions[8 + axis, q] = moved.exponents[q, axis]
     for i in range(len(lit.points)):
         changes[:] = 0
         for k in range(K):
@@ -428,8 +438,14 @@ def light_derivatives(
             segments = cut_by_cells(border, outline_of(border, layers, rows), shape)
             motion = _motion(p, borders.vertices, moved.points[:, i, k], moved_vertices, between)
             _move_border(p, normal, lit.cells, lit.exponents, border, segments, motion, changes)
-            motions[:3], motions[3:6] = moved.points[:, i, k].T, moved.normals[:, i, k].T
-            if motions.any():
+            moves = False
+            for q in range(P):
+                for axis in range(3):
+                    motions[axis, q] = moved.points[q, i, k, axis]
+                    motions[3 + axis, q] = moved.normals[q, i, k, axis]
+                for n in range(NUMBERS):
+                    moves = moves or motions[n, q] != 0
+            if moves:
                 shadow = shadow_within(segments, shape)
                 light_gradient(p, normal, lit.cells, lit.exponents, shadow, gradient)
                 _add_products(gradient, motions, changes)
@@ -497,7 +513,8 @@ def _add_products(gradient: Array, motions: Array, out: Array) -> None:
     for r in range(rows):
         for c in range(columns):
             cell = out[r, c]
-            slopes[:] = gradient[:, r, c]
+            for n in range(NUMBERS):
+                slopes[n] = gradient[n, r, c]
             for q in range(P):
                 for n in range(NUMBERS):  # a short loop, which is unrolled
                     cell[q] += slopes[n] * motions[n, q]

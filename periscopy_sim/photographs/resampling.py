@@ -123,8 +123,9 @@ def _weigh_rows(
     quad, (spare, strip, cell) = np.empty((4, 2)), np.empty((3, MOST_CORNERS, 2))
     for i in range(start, stop):
         for j in range(corners.shape[1] - 1):
-            quad[0], quad[1] = corners[i, j], corners[i, j + 1]
-            quad[2], quad[3] = corners[i + 1, j + 1], corners[i + 1, j]
+            for axis in range(2):
+                quad[0, axis], quad[1, axis] = corners[i, j, axis], corners[i, j + 1, axis]
+                quad[2, axis], quad[3, axis] = corners[i + 1, j + 1, axis], corners[i + 1, j, axis]
             left, top, right, bottom = boxes[i, j]
             whole, inside, sound, k = _area(quad, 4), 0.0, 0.0, starts[i, j]
             for row in range(top, bottom):
@@ -144,7 +145,8 @@ def _weigh_rows(
                         sound += area
                 k += right - left
             if sound > 0:
-                weights[starts[i, j] : k] /= sound
+                for m in range(starts[i, j], k):
+                    weights[m] /= sound
             covered[i, j, 0], covered[i, j, 1] = inside / whole, sound / whole
 
 
@@ -179,7 +181,9 @@ def _span(polygon: Array, sides: int, low: int, high: int) -> tuple[int, int]:
     """Return the first column from `low` to `high` that a polygon meets, and the one after."""
     if sides == 0:
         return low, low
-    left, right = polygon[:sides, 0].min(), polygon[:sides, 0].max()
+    left = right = polygon[0, 0]
+    for k in range(1, sides):
+        left, right = min(left, polygon[k, 0]), max(right, polygon[k, 0])
     return int(np.floor(min(max(left, low), high))), int(np.ceil(min(max(right, low), high)))
 
 

@@ -151,10 +151,12 @@ def _minimize(
     Returns f, the iterations taken and the relative duality gap.
     """
     axes, size = relative_dual.shape
-    margin, (τ, τ2) = neighbours.strides.max(), bounds
-    q = np.zeros((axes, margin + size))
-    q[:, margin:] = τ * relative_dual
-    r, f = q.copy(), np.zeros(margin + size)
+    margin, (τ, τ2) = max(neighbours.strides), bounds
+    q, r = np.zeros((2, axes, margin + size))
+    f = np.zeros(margin + size)
+    for axis in range(axes):
+        for n in range(size):
+            q[axis, margin + n] = r[axis, margin + n] = τ * relative_dual[axis, n]
     moved, shrink = np.empty((axes, size)), np.empty(size)
     t, gap, iteration = 1.0, math.inf, 0
     while iteration < stop[1] and gap > stop[0]:
@@ -164,12 +166,16 @@ def _minimize(
         _climb(f, r, neighbours, τ, step, moved, shrink)
         momentum, t = (t - 1) / t_next, t_next
         if _extrapolate(moved, shrink, momentum, q, r) > 0:
-            r[:] = q
+            for axis in range(axes):
+                for n in range(size):
+                    r[axis, margin + n] = q[axis, margin + n]
             t = 1.0
         if iteration % GAP_INTERVAL == 0 or iteration == stop[1]:
             _apply_dual(g, p, τ2, q, neighbours, f)
             gap = _relative_gap(g, p, f, neighbours, bounds, q)
-    relative_dual[:] = q[:, margin:] / τ
+    for axis in range(axes):
+        for n in range(size):
+            relative_dual[axis, n] = q[axis, margin + n] / τ
     return f[:size], iteration, gap
 
 
@@ -177,7 +183,8 @@ def _minimize(
 def _apply_dual(g: Array, p: Array, τ2: float, q: Array, neighbours: Neighbours, f: Array) -> None:
     """Set f = g + div q − s."""
     (strides, weights), margin = neighbours, q.shape[1] - len(g)
-    f[: len(g)] = g
+    for n in range(len(g)):
+        f[n] = g[n]
     for axis in range(len(strides)):
         before = margin - strides[axis]
         ahead, behind = q[axis, margin:], q[axis, before:]
