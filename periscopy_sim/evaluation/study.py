@@ -64,6 +64,9 @@ LIGHT_COST = {
 """Processor time of ambient conditions over that of overcast, of the others 1: on the chair's wall
 of 126 x 126 pixels, where overcast takes 6.6 s. That of window_right follows from five rounds."""
 
+WRITING = 0.01
+"""Seconds to write a cell to a disk of this machine: 0.008 for an image of 29 x 36 patches."""
+
 SCENES = 8
 """Scenes that are loaded before a sweep starts, to see which ambient light is missing."""
 
@@ -147,7 +150,7 @@ class SweepWork:
             even = Background(np.ones_like(wall.values), 0.0, 0.0)
             world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
             trial = {name: {**first, "algorithm": name} for name in self.cells}
-            of_cell, writing = cell_seconds(self.sweep, world, trial)
+            of_cell = cell_seconds(world, trial)
             of_lights = self._light(worlds.at(values), worlds)
         except PeriscopyError:
             return None
@@ -156,7 +159,7 @@ class SweepWork:
             + of_lights
             + of_matrices * (len(self.matrices) / len(worlds.matrices(values, snr)) - 1)
             + of_fit * (len(self.fits) - 1)
-            + sum(self.cells[n] * (each / threads + writing) for n, each in of_cell.items())
+            + sum(self.cells[n] * (each / threads + WRITING) for n, each in of_cell.items())
         )
 
     @staticmethod

@@ -15,7 +15,6 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -442,20 +441,14 @@ def run_sweep(
     return results
 
 
-def cell_seconds(
-    sweep: Sweep, world: World, cells: Mapping[str, Values]
-) -> tuple[dict[str, float], float]:
-    """Measure how long a thread takes for each method's cell, by its name, and for writing one."""
-    seconds, writing = dict[str, float](), 0.0
-    with TemporaryDirectory() as folder, threadpool_limits(1):
-        store = _store(sweep, Path(folder))
+def cell_seconds(world: World, cells: Mapping[str, Values]) -> dict[str, float]:
+    """Measure how long a thread takes for each method's cell, by its name."""
+    seconds = dict[str, float]()
+    with threadpool_limits(1):
         for name, cell in cells.items():
-            size = f"_{cell['hidden']}" if "hidden" in cell else ""
             asked = tuple(cell[axis] for axis in LIGHT), (name,)
-            seconds[name], (found,) = machine.timed(partial(_evaluate, (world, 0, size), asked))
-            found.pop("seconds", None)
-            writing = machine.timed(partial(store.write, cell, found))[0]
-    return seconds, writing
+            seconds[name], _ = machine.timed(partial(_evaluate, (world, 0, ""), asked))
+    return seconds
 
 
 def _store(sweep: Sweep, folder: Path) -> SweepStore:
