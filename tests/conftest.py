@@ -39,6 +39,14 @@ def user_cache(tmp_path_factory, monkeypatch):
     return folder
 
 
+@pytest.fixture(scope="module")
+def few_wall_points():
+    """Average A by areas over fewer points of each pixel: small photographs cost as large ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 48)
+        yield
+
+
 @pytest.fixture
 def drawings():
     """Ask for figures as they are, where a test is about them; see `blank_figures`."""

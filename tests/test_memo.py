@@ -17,6 +17,8 @@ from periscopy_sim.errors import OutputError
 from periscopy_sim.memo import Memo
 from periscopy_sim.rendering import ambient
 
+pytestmark = pytest.mark.usefixtures("few_wall_points")
+
 
 class Maker:
     """Make an object anew at each call, and count these."""

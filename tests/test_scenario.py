@@ -21,6 +21,8 @@ from periscopy_sim.memo import Memo
 from periscopy_sim.scene import EmissionProfile
 from periscopy_sim.view import rises, wall_frame
 
+pytestmark = pytest.mark.usefixtures("few_wall_points")
+
 
 def hemisphere(count, seed=0):
     directions = np.random.default_rng(seed).normal(size=(3, count))

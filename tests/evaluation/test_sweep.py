@@ -11,12 +11,13 @@ import xarray as xr
 from scipy import ndimage
 
 from periscopy_sim.errors import OutputError, PeriscopyError, SceneError
-from periscopy_sim.evaluation.sweep import Sweep, World, cell_seconds, flips, run_sweep
-from periscopy_sim.evaluation.sweep_store import SweepStore
+from periscopy_sim.evaluation.sweep import Sweep, World, flips, run_sweep
 from periscopy_sim.numerics.machine import in_parallel
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned import Periscope
 from tests.scenes.contents import contents
+
+pytestmark = pytest.mark.usefixtures("few_wall_points")
 
 RNG = np.random.default_rng(5)
 SIGNAL = RNG.uniform(0.5, 1, (6, 7, 3))
@@ -132,16 +133,6 @@ def test_pixels_under_the_mask_change_no_measurement():
     spoilt = sweep_of(signals={"p": masked}, backgrounds={"sun": light})
     expected = photograph(sweep_of(signals={"p": MASKED}), "sun", 1, 0)
     assert np.array_equal(photograph(spoilt, "sun", 1, 0), expected)
-
-
-def test_the_time_of_a_cell_has_that_of_writing_it(monkeypatch):
-    write = SweepStore.write
-    monkeypatch.setattr(SweepStore, "write", lambda *given: (time.sleep(0.1), write(*given)))
-    sweep = sweep_of()
-    cell = {"image": "p", "background": "sun", "sbr": 1.0, "snr": 40.0, "seed": 0}
-    cells = {name: {"algorithm": name, **cell} for name in ("first", "second")}
-    seconds, writing = cell_seconds(sweep, sweep.world, cells)
-    assert seconds.keys() == cells.keys() and max(seconds.values()) < 0.1 < writing < 0.5
 
 
 def test_results_are_labelled_and_are_what_the_methods_give(done):

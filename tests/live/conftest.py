@@ -22,11 +22,8 @@ def fast(jit):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def few_wall_points():
-    """Average A by areas over fewer points of each pixel: small photographs cost as large ones."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 48)
-        yield
+def small(few_wall_points):
+    """Make each A quickly."""
 
 
 @pytest.fixture
