@@ -17,7 +17,7 @@ from periscopy_sim.errors import OutputError
 from periscopy_sim.memo import Memo
 from periscopy_sim.rendering import ambient
 
-pytestmark = pytest.mark.usefixtures("few_wall_points")
+pytestmark = pytest.mark.usefixtures("quick_light")
 
 
 class Maker:
@@ -113,7 +113,7 @@ def chair(folder=None, **parameters):
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory):
+def kept(tmp_path_factory, quick_light):
     """A folder in which a scenario kept one of each kind, and what it made."""
     folder = tmp_path_factory.mktemp("kept")
     with pytest.MonkeyPatch.context() as patch:

@@ -21,7 +21,7 @@ from periscopy_sim.memo import Memo
 from periscopy_sim.scene import EmissionProfile
 from periscopy_sim.view import rises, wall_frame
 
-pytestmark = pytest.mark.usefixtures("few_wall_points")
+pytestmark = pytest.mark.usefixtures("quick_light")
 
 
 def hemisphere(count, seed=0):

@@ -7,7 +7,7 @@ import periscopy_sim as ps
 from periscopy_sim.errors import OutputError, PeriscopyError
 from periscopy_sim.storage.rasters import write_exr
 
-pytestmark = pytest.mark.usefixtures("few_wall_points")
+pytestmark = pytest.mark.usefixtures("quick_light")
 
 pytest.importorskip("xarray")
 

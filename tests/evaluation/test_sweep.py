@@ -17,7 +17,7 @@ from periscopy_sim.photograph import Photograph
 from periscopy_sim.reconstruction.preconditioned import Periscope
 from tests.scenes.contents import contents
 
-pytestmark = pytest.mark.usefixtures("few_wall_points")
+pytestmark = pytest.mark.usefixtures("quick_light")
 
 RNG = np.random.default_rng(5)
 SIGNAL = RNG.uniform(0.5, 1, (6, 7, 3))

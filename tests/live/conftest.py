@@ -22,7 +22,7 @@ def fast(jit):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def small(few_wall_points):
+def small(quick_light):
     """Make each A quickly."""
 
 
