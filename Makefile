@@ -3,12 +3,16 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-rounding test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs release clean
+.PHONY: demo test tests test-rounding test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs release clean
 
 demo: $(VENV)/installed
 	$(BIN)/periscopy demo --out out/demo
 
-test: $(VENV)/installed-dev lint
+# Types are checked beside the tests: both on one core first would leave the others idle.
+test: $(VENV)/installed-dev
+	$(MAKE) --no-print-directory --jobs lint tests
+
+tests: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
 
 # The tests of `test` on the kernels of an old processor, which round otherwise: no fused
