@@ -43,7 +43,7 @@ def user_cache(tmp_path_factory, monkeypatch):
 def quick_light():
     """Take fewer wall points in a pixel, which cost small photographs most, and bounced paths."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 48)
+        patch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 24)
         patch.setattr("periscopy_sim.rendering.bounced.PATHS", 64)
         yield
 
