@@ -45,6 +45,8 @@ def quick_light():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 24)
         patch.setattr("periscopy_sim.rendering.bounced.PATHS", 64)
+        for module in ("ambient", "bounced"):
+            patch.setattr(f"periscopy_sim.rendering.{module}.REPLICAS", 3)
         yield
 
 

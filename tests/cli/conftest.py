@@ -122,6 +122,8 @@ def few_wall_points(request, monkeypatch):
 def few_bounced_paths(monkeypatch):
     """Trace few paths of the light that bounces, which each result is checked for."""
     monkeypatch.setattr("periscopy_sim.rendering.bounced.PATHS", 64)
+    for module in ("ambient", "bounced"):
+        monkeypatch.setattr(f"periscopy_sim.rendering.{module}.REPLICAS", 3)
 
 
 @pytest.fixture
