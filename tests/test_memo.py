@@ -113,7 +113,7 @@ def chair(folder=None, **parameters):
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory, quick_light):
+def kept(tmp_path_factory):
     """A folder in which a scenario kept one of each kind, and what it made."""
     folder = tmp_path_factory.mktemp("kept")
     with pytest.MonkeyPatch.context() as patch:
