@@ -32,9 +32,9 @@ def image(request):
 
 @pytest.fixture(scope="module")
 def chair():
-    """A chair of few pixels, and its A averaged over 48 x 48 points of each."""
+    """A chair of few pixels, and its A averaged over 32 x 32 points of each."""
     scene = ps.load_scenario("chair", (6, 8), {"resolution": 12})
-    return scene, ps.analytic_transport(scene.averaged(48)).astype(float)
+    return scene, ps.analytic_transport(scene.averaged(32)).astype(float)
 
 
 @pytest.mark.parametrize(("image", "snr"), [("letters", 40), ("one patch", 65)], indirect=["image"])
