@@ -32,21 +32,29 @@ def configuration(tmp_path):
     return write
 
 
-@pytest.fixture
-def made(succeeds, configuration):
+def test_data_set_is_made_exported_mended_and_grows(succeeds, refused, configuration, tmp_path):
     configuration()
-    return succeeds("dataset", "config.yaml", "--out", "d.zarr")
-
-
-def test_data_set_is_made_described_and_then_left_alone(made, succeeds):
+    make = "dataset", "config.yaml", "--out", "d.zarr"
+    made = succeeds(*make)
     assert made.startswith("12 samples of 2 geometries, ")
     assert "\nto make: 2 matrices\nabout " in made
-    assert "complete" in succeeds("dataset", "make", "config.yaml", "--out", "d.zarr")
+    assert "complete" in succeeds("dataset", "make", *make[1:])
     assert re.search("^samples +12$", succeeds("dataset", "info", "d.zarr"), re.MULTILINE)
     info = json.loads(succeeds("dataset", "info", "d.zarr", "--json"))
     assert (info["samples"], info["finished"], info["geometries"]) == (12, 12, 2)
-    grown = ("dataset", "config.yaml", "--out", "d.zarr", "--count", "15")
-    assert succeeds(*grown).startswith("3 samples of 1 geometry, ")
+    assert "7 files" in succeeds("dataset", "export", "d.zarr", "--samples", "0,7-8", "--out", "x")
+    names = sorted(path.name for path in (tmp_path / "x").iterdir())
+    assert len(names) == 7 and {"00000008_hidden.exr", "sheet.png"} <= {*names}
+    image, notes = read_exr(tmp_path / "x/00000007_photograph.exr")
+    assert image.shape == (16, 16, 3) and notes["hidden_kind"] == "shapes"
+    assert float(notes["sbr"]) > 0
+    file = tmp_path / "d.zarr/photograph/c/1/0/0/0"
+    file.write_bytes(file.read_bytes()[:-1])
+    lines = "samples 3 to 5 are missing or damaged\n"
+    assert "d.zarr" in refused("dataset", "verify", "d.zarr", out=lines)
+    grown = (*make, "--count", "15")
+    assert succeeds(*grown).startswith("6 samples of 2 geometries, ")
+    succeeds("dataset", "verify", "d.zarr")
     assert succeeds(*grown, "-q") == ""
 
 
@@ -59,22 +67,6 @@ def test_example_is_printed_as_it_stands_and_can_be_made(succeeds, tmp_path):
     )
     (tmp_path / "small.yaml").write_text(small)
     assert "3 samples" in succeeds("dataset", "small.yaml", "--out", "d.zarr", "--count", "3")
-
-
-@pytest.mark.usefixtures("made")
-def test_samples_are_exported_and_damaged_ones_refused_until_mended(succeeds, refused, tmp_path):
-    assert "7 files" in succeeds("dataset", "export", "d.zarr", "--samples", "0,7-8", "--out", "x")
-    names = sorted(path.name for path in (tmp_path / "x").iterdir())
-    assert len(names) == 7 and {"00000008_hidden.exr", "sheet.png"} <= {*names}
-    image, notes = read_exr(tmp_path / "x/00000007_photograph.exr")
-    assert image.shape == (16, 16, 3) and notes["hidden_kind"] == "shapes"
-    assert float(notes["sbr"]) > 0
-    file = tmp_path / "d.zarr/photograph/c/1/0/0/0"
-    file.write_bytes(file.read_bytes()[:-1])
-    lines = "samples 3 to 5 are missing or damaged\n"
-    assert "d.zarr" in refused("dataset", "verify", "d.zarr", out=lines)
-    succeeds("dataset", "config.yaml", "--out", "d.zarr")
-    succeeds("dataset", "verify", "d.zarr")
 
 
 def test_lists_of_samples_are_read():
