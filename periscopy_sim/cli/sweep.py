@@ -179,8 +179,8 @@ def sweep(
     def planned(swept: "Sweep", missing: Sequence[Mapping[str, Any]]) -> None:
         _show_work(work := SweepWork.of(swept, missing))
         if (total := work.seconds(thread_count(scheduler))) is not None:
-            calibrations = output.counted(len(work.calibrations), "calibration")
-            output.show_time(total, *[calibrations] * bool(work.calibrations))
+            apart = {"ambient light": len(work.lights), "calibration": len(work.calibrations)}
+            output.show_time(total, *(output.counted(n, noun) for noun, n in apart.items() if n))
 
     def noted(notes: "Sequence[Note | str]") -> None:
         for each in notes:

@@ -57,13 +57,6 @@ from periscopy_sim.storage.provenance import (
 if TYPE_CHECKING:
     import xarray as xr
 
-LIGHT_COST = {
-    "ceiling_panels": 1.8, "desk_lamps": 2.8, "corridor": 7.9, "window_left": 28,
-    "window_right": 55,
-}  # fmt: skip
-"""Processor time of ambient conditions over that of overcast, of the others 1: on the chair's wall
-of 126 x 126 pixels, where overcast takes 6.6 s. That of window_right follows from five rounds."""
-
 WRITING = 0.01
 """Seconds to write a cell to a disk of this machine: 0.008 for an image of 29 x 36 patches."""
 
@@ -129,7 +122,7 @@ class SweepWork:
         return work
 
     def seconds(self, threads: int) -> float | None:
-        """Return how long the missing cells take on some threads, but for calibrations.
+        """Return how long the missing cells take on some threads, but for light and calibrations.
 
         The parts of one world of the largest SNR, which take longest and are made, and one more fit
         are timed. None where all calibrate, or that world is an error, which the sweep meets.
@@ -151,12 +144,10 @@ class SweepWork:
             world = worlds.world(snr, values, dict.fromkeys(worlds.ambient, even))
             trial = {name: {**first, "algorithm": name} for name in self.cells}
             of_cell = cell_seconds(world, trial)
-            of_lights = self._light(worlds.at(values), worlds)
         except PeriscopyError:
             return None
         return (
             of_photographs * (len(self.photographs) / len(worlds.shown) - 1)
-            + of_lights
             + of_matrices * (len(self.matrices) / len(worlds.matrices(values, snr)) - 1)
             + of_fit * (len(self.fits) - 1)
             + sum(self.cells[n] * (each / threads + WRITING) for n, each in of_cell.items())
@@ -171,17 +162,6 @@ class SweepWork:
         made = time.perf_counter()
         worlds.fitted(snr, values, wall)
         return made - started, time.perf_counter() - made
-
-    def _light(self, scenario: Scenario, worlds: Worlds) -> float:
-        """Return the seconds of missing ambient light but for the quickest, which is made."""
-        costs = sum(LIGHT_COST.get(name, 1.0) for name in self.lights.values())
-        missing = scenario.missing_ambient(worlds.traced).values()
-        if not missing:
-            return 0.0
-        name = min(missing, key=lambda each: LIGHT_COST.get(each, 1.0))
-        started = time.perf_counter()
-        scenario.ambient(name, progress=worlds.progress)
-        return (time.perf_counter() - started) * (costs / LIGHT_COST.get(name, 1.0) - 1)
 
 
 COMPARED = "noise-aware", "preconditioned", "differencing"
