@@ -390,14 +390,14 @@ cli.main()
 @pytest.mark.usefixtures("jit", "every_wall_point")  # as the processes killed
 def test_sweep_killed_twice_ends_in_the_same_bytes(succeeds, folder):
     succeeds(*command(out="whole"))
-    # While the store is begun, and among the results: the trial of the forecast writes, too.
-    for writes in (3, 170):
+    # While the store is begun, and among the results.
+    for writes in (3, 60):
         code = KILLED.format(writes=writes, arguments=command())
         ended = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True)
         assert ended.returncode == -signal.SIGKILL, ended.stderr
         assert not (folder / "out" / "sweep.csv").exists()
     marks = list((folder / "out/sweep.zarr/making/finished").glob("*.json"))
-    assert 0 < len(marks) < 16
+    assert 0 < len(marks) < 8
     succeeds(*command())
     assert contents(folder / "out") == contents(folder / "whole")
 
