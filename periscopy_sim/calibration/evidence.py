@@ -145,18 +145,6 @@ class SmoothExplanation(Explanation):
         return motion - (self._columns @ self.followed(motion)).transpose(2, 1, 0)
 
     @property
-    def prediction_error(self) -> float:
-        """Σ_c 2 F log ‖r_c‖/(F − γ_c), of images that have γ degrees of freedom.
-
-        The sum is the logarithm of the error with which a fit to all pixels but one predicts the
-        last, by generalized cross-validation (Golub, Heath, Wahba, Technometrics 21, 1979).
-        """
-        μ, _ = self._modes
-        degrees = np.sum(μ[:, None] / (μ[:, None] + self.ratios), axis=0)
-        errors = np.linalg.norm(self.residual, axis=0) / (self.freedom - degrees) + TINY
-        return float(2 * self.freedom * np.sum(np.log(errors)))
-
-    @property
     def covariance(self) -> Array:
         """(J, J) of the first channel's x."""
         μ, W = self._modes

@@ -1,7 +1,7 @@
 """A scene whose parameters move: its A by areas, A's derivatives, and what errors do to light."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ ones is interpolated; a search uses half as many more at most."""
 LARGEST_CLIPPED = 63
 """The same for derivatives of an A that faces clip: those of a doorway take 4 s instead of 17."""
 
+KEPT = 4
+"""Matrices of a moving scene that are kept: two descents' ends and what was tried last."""
+
 MOST_BYTES = 400_000_000
 """Memory of the derivatives of A that are held at once: less takes more time, for each band moves
 the scene anew."""
@@ -51,6 +54,7 @@ class MovingScene:
     scenario: Geometry  # as loaded, with the pixels used
     names: tuple[str, ...]  # of the P parameters
     errors: Array  # (P,) or (P + 2 S,) scales: a derivative moves a value by a fraction of its own
+    _kept: dict[bytes, Matrix] = field(default_factory=dict, init=False, repr=False)  # A by values
 
     @property
     def pixels(self) -> Mask:
@@ -82,8 +86,17 @@ class MovingScene:
         return True
 
     def transport(self, values: Array) -> Matrix:
-        """Return A, (M, N); a SceneError says that the values make no scene with a closed form."""
-        return area_transport(self.at(values))
+        """Return A, (M, N); a SceneError says that the values make no scene with a closed form.
+
+        The last few are kept: the same scene is compared by several kinds of images.
+        """
+        key = values.tobytes()
+        if key not in self._kept:
+            A = area_transport(self.at(values))
+            while len(self._kept) >= KEPT:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[key] = A
+        return self._kept[key]
 
     def linearized(self, values: Array) -> tuple[Matrix, Matrix]:
         """Return A, (M, N), and its derivatives by the parameters, (P, M, N)."""

@@ -31,14 +31,18 @@ from periscopy_sim.view import Geometry, View
 MOST_PATCHES = 36
 """Patches along a side of each hidden image: of more, a coarser image serves."""
 
-COARSE_PIXELS, COARSE_HATS = 1000, 24
-"""Pixels of the coarse level, about, and hat functions along the longer side of its images."""
+COARSE_PIXELS, COARSE_PATCHES, COARSE_HATS = 500, 24, 16
+"""Pixels of the coarse level, about, patches along the longer side of its images, and hats there.
+By 1,000, 36 and 24 a search takes three times as long there, and finds the valleys no better."""
 
 POINTS = 63
 """Along the longer side of the wall, at least, where derivatives are computed."""
 
-PIXELS_A_PATCH, JOINT_PIXELS_A_PATCH = 3.8, 1.7
-"""Least pixels per patch of the fine level, and of the level that gives the errors."""
+PIXELS_A_PATCH = 3.8
+"""Least pixels per patch of the fine level."""
+
+JOINT_PIXELS_A_PATCH, JOINT_HATS = 1.7, 24
+"""Least pixels per patch of the level that gives the errors, and hats along its images."""
 
 
 def shown_light(picture: Image | Mapping[str, Image], hidden: Hidden) -> Array:
@@ -104,12 +108,14 @@ class CalibrationProblem:
 
     def coarse(self) -> ResolutionLevel:
         """Return the level on which a search begins."""
-        return self._level(0.0, self._smooth, points=1)
+        hidden = self._in_patches(COARSE_PATCHES)
+        images = SmoothImages.hats(hidden, self._in_patches(COARSE_HATS))
+        return self._level(hidden, 0.0, images, points=1)
 
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
         sharp = SharpImages(self.hidden, self.photographs[0].channels)
-        level = self._level(PIXELS_A_PATCH, sharp)
+        level = self._level(self.hidden, PIXELS_A_PATCH, sharp)
         finest = self._averaged[0]
         across, part = points_across(finest.shape), level.scene.scenario
         scene = self._scene(finest.pixels, across, part.hidden)
@@ -123,7 +129,8 @@ class CalibrationProblem:
         Else the images' prior, which is dark beyond the border, would pretend to measure their
         place.
         """
-        level = self._level(JOINT_PIXELS_A_PATCH, self._smooth)
+        images = SmoothImages.hats(self.hidden, self._in_patches(JOINT_HATS))
+        level = self._level(self.hidden, JOINT_PIXELS_A_PATCH, images)
         names = (*self.names, *self.uncertain.names)
         shapes = [] if self.pictures else level.scene.scenario.hidden.shapes.values()
         place = [size for shape in shapes for size in reversed(shape)]
@@ -131,10 +138,6 @@ class CalibrationProblem:
         errors = np.concatenate([self.errors, self.uncertain.standard_errors, place])
         scene = replace(level.scene, names=names, errors=errors)
         return replace(level, scene=scene, centers=centers)
-
-    @property
-    def _smooth(self) -> SmoothImages:
-        return SmoothImages.hats(self.hidden, self._in_patches(COARSE_HATS))
 
     def _in_patches(self, longest: int) -> Hidden:
         """Return the hidden surfaces in at most so many patches along a side."""
@@ -149,6 +152,7 @@ class CalibrationProblem:
 
     def _level(
         self,
+        hidden: Hidden,
         a_patch: float,
         unknown: SmoothImages | SharpImages,
         points: int = POINTS,
@@ -157,7 +161,7 @@ class CalibrationProblem:
 
         `COARSE_PIXELS` is the least, if there are as many.
         """
-        hidden, finest = self.hidden, self._averaged[0]
+        finest = self._averaged[0]
         count = max(COARSE_PIXELS, a_patch * hidden.patches)
         by = max(1, round(np.sqrt(finest.pixels.sum() / count)))
         shape = limit_size(finest.shape, max(finest.shape) // by)

@@ -6,12 +6,12 @@ cheap. From the best of these, and from the measured values, descents by smooth 
 valleys' bottoms. A descent begins where the evidence counts for little, so that only what the
 photographs show beyond doubt leaves the prior, and goes on as it counts for more and more (a
 homotopy: Blake and Zisserman, Visual Reconstruction, 1987). Fine descents follow from the best
-ends. Their images are nonnegative and have few edges; soon only two go on, then the better one,
-until it gains little. An image and a scene that move together send the wall nearly the same light,
-so the search hops to places aside as long as the photographs
-show that the image belongs there; those that remain likely widen the errors. The end is not at the
-bottom, because the likeliest image of few edges goes with a biased scene. A last descent integrates
-over all images that have its edges. This descent counts if it cools to 1.
+ends. Their images are nonnegative and have few edges. The better one goes on until it gains little.
+An image and a scene that move together send the wall nearly the same light, so the search hops to
+places aside as long as the photographs show that the image belongs there; those that remain likely
+widen the errors. The end is not at the bottom, because the likeliest image of few edges goes with a
+biased scene. A last descent integrates over all images that have its edges. This descent counts if
+it cools to 1.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from scipy.special import expit
 from scipy.stats import qmc
 
 from periscopy_sim.calibration import prior, trust
-from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.resolution_level import Candidate, Look, ResolutionLevel
 from periscopy_sim.numerics import Array
 
@@ -53,11 +52,8 @@ the centre; half of these go on after each temperature. In ten photographs by pl
 real one of a ball, the right valley was then the first or the second of the draws' ends."""
 
 STARTS = 3
-"""Most places from which fine descents start, the end of the centre's descent one of them."""
-
-SURVIVORS = 2
-"""How many fine descents go on after the second temperature, until the better one is chosen after
-the last: a mesh of `wrong_scenes` loses 8 dB if that is the fifth."""
+"""Most places from which fine descents start, the end of the centre's descent one of them: from one
+of 16 rulers of a real ball two led to another valley."""
 
 DAMPING, SHORTER = 1e-3, 4.0
 """Fraction of the information that is added to it, and factor of the curvature after a step too far
@@ -68,13 +64,14 @@ NEGLIGIBLE = 0.5
 to one bottom count as one."""
 
 ROUNDS, LEAST_GAIN = 8, 3.0
-"""Most descents at the last temperature, and the decrease of the objective below which one is the
-last: a chair of `wrong_scenes` gains 6 dB in eight."""
+"""Most descents at the last temperature, coarse or fine, and the decrease of the objective below
+which one is the last: a chair of `wrong_scenes` gains 6 dB in eight, and coarse ones find a real
+ball from one of 16 rulers that is not found without."""
 
-ASIDES, SPREAD = 2, 10.0
-"""Most rivals; and the difference of prediction errors at which one place of the image is e times
-as likely as another. A spread of 8.1 fits 61 pairs of places best, in 40 photographs by plain
-Mitsuba; of 25 close pairs 21 are in order."""
+ASIDES, SPREAD = 2, 20.0
+"""Most rivals; and the difference of the edged images' evidence, −2 log, at which one place of the
+image is e times as likely as another: a spread of 18.6 fits 160 pairs of places best, in 14
+photographs by plain Mitsuba."""
 
 SHIFTS, FAINT = (0.5, 1.0, 2.0, 4.0, 8.0), 5.0
 """Patches by which images are tried aside; and −log of the odds below which none is likely."""
@@ -82,7 +79,7 @@ SHIFTS, FAINT = (0.5, 1.0, 2.0, 4.0, 8.0), 5.0
 UNLIKELY = 0.05
 """Probability, against the best place, above which a place aside is a rival; chosen."""
 
-SHARES = 0.07, 0.11, 0.73, 0.05
+SHARES = 0.03, 0.07, 0.79, 0.06
 """Fractions of the time that draws, coarse, fine and last descents take (a real chair), places
 aside being fine ones, for the progress alone; the rest is the standard errors'."""
 
@@ -196,7 +193,7 @@ class Search:
         """Add a draw, 0, or a temperature's end: 1 coarse, 2 fine, 3 last."""
         values = self.fine.values(candidate.point)
         self._rows[stage].append(np.append(values, candidate.cost))
-        coarse = len(COOLING) + 2 * PROPOSED
+        coarse = len(COOLING) + 2 * PROPOSED + ROUNDS
         fine = STARTS + 1 + 2 * len(fine_cooling(self.fine.photographs)) + ROUNDS * (1 + ASIDES)
         most = DRAWS, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
@@ -216,7 +213,7 @@ class Search:
                 self._descended(level, 1, look, T * level.photographs) for look in (own, *others)
             ]
             others = nsmallest(-(-len(others) // 2), others, key=lambda look: look.objective)
-        distinct = _distinct([own, *others])[:STARTS]
+        distinct = _distinct([self._settled(level, 1, look) for look in (own, *others)])[:STARTS]
         first, *rest = [self.fine.candidate(look.point) for look in distinct]
         return [first, *filter(_is_scene, rest)]
 
@@ -245,35 +242,35 @@ class Search:
             looks = self._ranked(level, [self._cooled(level, 2, look, T) for look in looks])
             if level is self.fine:
                 level, looks = _with_misfit(level, looks)
-            else:
-                looks = looks[:SURVIVORS]
-        best = self._hopped(level, self._settled(level, looks[0]))
+        best = self._hopped(level, self._settled(level, 2, looks[0]))
         self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
         return self._end(level, best)
 
     def _ranked(self, level: ResolutionLevel, looks: list[Look]) -> list[Look]:
         """Return looks, the best first; but the first stays unless another is significantly better.
 
-        They are compared at the hottest of their temperatures, with all images integrated over that
-        have the edges of a look's: in dim light the likeliest image of few edges is black anywhere.
+        They are compared at the coldest of their temperatures, since a wrong scene may stay hot,
+        and with all images integrated over that have the edges of a look's: in dim light the
+        likeliest image of few edges is black anywhere.
         """
         if len(looks) == 1:
             return looks
-        T = max(look.temperature for look in looks)
-        edged = [level.with_edges(look).candidate(look.point).objective_at(T) for look in looks]
+        T = min(look.temperature for look in looks)
+        edged = [_edged(level, look).objective_at(T) for look in looks]
         order = sorted(range(len(looks)), key=edged.__getitem__)
         if not trust.is_significant(edged[0] - edged[order[0]], len(looks[0].point)):
             order.sort(key=lambda k: k > 0)
         return [looks[k] for k in order]
 
-    def _settled(self, level: ResolutionLevel, look: Look) -> Look:
+    def _settled(self, level: ResolutionLevel, stage: int, look: Look) -> Look:
         """Return where a descent ends that goes on until it gains little.
 
         Edges stay in an image until the scene has moved far enough, so the descent takes ten and
         more steps of equal length.
         """
         for _ in range(ROUNDS):
-            before, look = look, self._cooled(level, 2, look, look.temperature)
+            before, on = look, self._descended if stage == 1 else self._cooled
+            look = on(level, stage, look, look.temperature)
             if before.objective - look.objective < LEAST_GAIN:
                 break
         return look
@@ -311,7 +308,7 @@ class Search:
 
     def _ended(self, level: ResolutionLevel, aside: Place, T: float) -> Place:
         """Return a place or, if that is likelier, where a descent from it ends."""
-        end = self._settled(level, level.look(aside.scene, T))
+        end = self._settled(level, 2, level.look(aside.scene, T))
         return min(aside, self._place(level, end, T), key=lambda each: each.surprise)
 
     def _moments(self, here: Place, asides: Sequence[Place]) -> Array:
@@ -349,16 +346,13 @@ class Search:
     def _place(
         self, level: ResolutionLevel, scene: Candidate, T: float, patches: float = 0.0
     ) -> Place:
-        """Return a scene as a place of the image, the likelier the better it predicts pixels.
+        """Return a scene as a place of the image, as likely as all images with its edges make it.
 
         The objective of images of few edges is rough, and depends on what the border cuts off.
         """
         if not _is_scene(scene):
             return Place(scene, np.inf, patches)
-        edged = level.with_edges(scene).candidate(scene.point)
-        smooth = (each for each in edged.explanations if isinstance(each, SmoothExplanation))
-        error = sum(each.prediction_error for each in smooth)
-        return Place(scene, error / T / SPREAD + scene.penalty / 2, patches)
+        return Place(scene, _edged(level, scene).cost / T / SPREAD + scene.penalty / 2, patches)
 
     def _follows(self, point: Array, T: float) -> Iterator[Array]:
         """Yield how a point moves with an image, by a patch across and up each hidden surface.
@@ -406,11 +400,19 @@ class Search:
         Photographs that move the parameters farther than chance errs in measured values show
         something that the scene lacks: they count for less.
         """
-        if look.temperature > 2 * T:
+        if look.temperature > 2 * T or self._is_far(look, T):
             return look
         colder = self._descended(level, stage, look, T)
-        is_far = trust.is_significant(colder.penalty, len(look.point))
-        return look if is_far and HOTTEST * level.photographs > T else colder
+        return look if self._is_far(colder, T) else colder
+
+    def _is_far(self, look: Look, T: float) -> bool:
+        first = HOTTEST * self.fine.photographs
+        return first > T and trust.is_significant(look.penalty, len(look.point))
+
+
+def _edged(level: ResolutionLevel, candidate: Candidate) -> Candidate:
+    """Return a candidate explained by all images that have the edges of its own."""
+    return level.with_edges(candidate).candidate(candidate.point)
 
 
 def _is_scene(candidate: Candidate) -> bool:

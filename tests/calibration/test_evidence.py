@@ -162,18 +162,6 @@ def test_evidence_and_noise_are_those_of_the_dense_gaussian(
         assert explanation.noise[c] == pytest.approx(noise, rel=1e-5)
 
 
-def test_prediction_error_is_that_of_generalized_cross_validation(
-    wall: Wall, images: SmoothImages
-) -> None:
-    explanation, expected = explained(wall, images), 0.0
-    for c, ratio in enumerate(explanation.ratios):
-        S, beyond = covariance(wall, wall.A, images, ratio)
-        rejects = np.linalg.inv(S)  # I - H of the fit H y: X K⁻¹ Xᵀ/α is S - I
-        rest = rejects @ beyond.T @ wall.y[:, c]
-        expected += len(S) * np.log(rest @ rest / np.trace(rejects) ** 2)
-    assert explanation.prediction_error == pytest.approx(expected, abs=1e-3)
-
-
 def test_slope_is_the_derivative_of_the_dense_density(wall: Wall, images: SmoothImages) -> None:
     explanation = explained(wall, images)
     volumes = [float(np.vdot(explanation.volume, change)) for change in wall.changes]
