@@ -133,7 +133,7 @@ def test_places_of_the_image_that_are_as_likely_widen_the_errors(
 
 def test_a_search_ends_at_the_likeliest_of_its_places() -> None:
     """Where it came from is a rival, though no other place is e times as likely."""
-    level: Any = Valleys([0.0, 1.0], bend=100.0, depth=0.0)
+    level: Any = Valleys([0.0, 1.0], bend=150.0, depth=0.0)
     search = Search(level, level, Placed([0.0]), 0)  # type: ignore[arg-type]
     _, found = search.best([level.candidate(np.ones(1))])
     ((rival, odds),) = search.rivals
