@@ -281,10 +281,7 @@ class BlockStore:
 
 
 def _awaited(steps: Sequence[Awaitable[Any]]) -> list[Any]:
-    """Return the results of Zarr's asynchronous functions, all at once.
-
-    Its synchronous ones change threads for each array, four times as slow for a sweep's cell.
-    """
+    """Return the results of Zarr's asynchronous functions; its others change threads for each."""
 
     async def gathered() -> list[Any]:
         return await asyncio.gather(*steps)

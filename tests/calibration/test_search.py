@@ -10,7 +10,6 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
-from periscopy_sim.calibration.evidence import SmoothExplanation
 from periscopy_sim.calibration.resolution_level import Candidate, Look
 from periscopy_sim.calibration.search import Search, descend
 from tests.scenes.calibration import TRUTH, Small
@@ -44,7 +43,7 @@ class Valleys:
     def candidate(self, point: Any) -> Candidate:
         self.asked += 1
         cost = min(self.bend * (point[0] - place) ** 2 - depth for place, depth in self.valleys)
-        explained = Mock(spec=SmoothExplanation, cost=cost)
+        explained = Mock(cost=cost)
         return Candidate(point, (explained,) if point[0] >= -2 else (), float(point[0] ** 2))
 
     def look(self, candidate: Candidate, temperature: float = 1.0) -> Look:
