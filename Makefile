@@ -2,6 +2,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
+# Most modules that are installed are never imported: those that are compile then.
+INSTALL := $(BIN)/python -m pip install --quiet --no-compile --editable
 
 .PHONY: demo test tests test-rounding test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs release clean
 
@@ -58,7 +60,7 @@ leaderboard: $(VENV)/installed-leaderboard
 # Weights of your own for experiments/learned/unrolled.py: out/learned/trained/unrolled.npz.
 # PHOTOGRAPHS=FOLDER to learn from, too.
 learned: $(VENV)/installed-experiments
-	$(BIN)/python -m pip install --quiet --editable '.[learned]'
+	$(INSTALL) '.[learned]'
 	mkdir -p out/learned
 	cp experiments/learned/training.yaml out/learned
 	$(BIN)/python -m experiments.learned.pictures --out out/learned/pictures $(if $(PHOTOGRAPHS),--also $(PHOTOGRAPHS))
@@ -78,24 +80,24 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[llvm]'
+	$(INSTALL) '.[llvm]'
 	touch $@
 
 # Each installs all it needs at once: to build and resolve twice takes longer.
 $(VENV)/installed-dev: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(INSTALL) '.[dev]'
 	touch $(VENV)/installed $@
 
 $(VENV)/installed-experiments: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[experiments]'
+	$(INSTALL) '.[experiments]'
 	touch $(VENV)/installed $@
 
 $(VENV)/installed-leaderboard: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[leaderboard]'
+	$(INSTALL) '.[leaderboard]'
 	touch $(VENV)/installed $(VENV)/installed-experiments $@
 
 $(VENV)/installed-docs: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	$(INSTALL) '.[docs]'
 	touch $(VENV)/installed $@
 
 clean:
