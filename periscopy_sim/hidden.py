@@ -111,11 +111,23 @@ class Surface:
             whole=self.whole and self.whole.moved(motion),
         )
 
-    def shifted(self, across: float, up: float) -> "Surface":
-        """Return the surface moved within itself, by so many patches across and up."""
-        centers = self.centers + across * self.across + up * self.up
-        curved = self.curved and self.curved.shifted(2 * across, 2 * up)
-        return replace(self, centers=centers, curved=curved)
+    def placed(self, across: float, up: float, wider: float) -> "Surface":
+        """Return the surface moved within itself, by so many patches across and up, and scaled.
+
+        The ends of its longer side move outwards by `wider` patches.
+        """
+        (rows, columns), half = self.shape, max(self.shape) / 2
+        y, x = np.divmod(np.arange(rows * columns)[:, None], columns)
+        right = across + wider * (x + 0.5 - columns / 2) / half
+        above = up - wider * (y + 0.5 - rows / 2) / half
+        scale = 1 + wider / half
+        return replace(
+            self,
+            centers=self.centers + right * self.across + above * self.up,
+            across=scale * self.across,
+            up=scale * self.up,
+            curved=self.curved and self.curved.placed(2 * across, 2 * up, 2 * wider),
+        )
 
     @property
     def gauss(self) -> "Surface":
@@ -248,9 +260,9 @@ class Hidden(Mapping[str, Surface]):
             return self
         return Hidden({n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()})
 
-    def shifted(self, shifts: Array) -> "Hidden":
-        """Return the surfaces moved within themselves by patches across and up, (surfaces, 2)."""
-        return Hidden({n: self[n].shifted(*each) for n, each in zip(self, shifts, strict=True)})
+    def placed(self, places: Array) -> "Hidden":
+        """Return the surfaces at `Surface.placed` places, (surfaces, 3)."""
+        return Hidden({n: self[n].placed(*each) for n, each in zip(self, places, strict=True)})
 
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:
         """Return each surface's image, (R, C, ...), of a vector over all patches, (N, ...)."""

@@ -47,13 +47,13 @@ the scene anew."""
 class MovingScene:
     """A scene, P of whose parameters vary, seen by M of its camera's pixels.
 
-    The last 2 S of P + 2 S values move each of the S hidden surfaces within itself, by patches
-    across and up.
+    The last 3 S of P + 3 S values place each of the S hidden surfaces within itself, see
+    `Surface.placed`.
     """
 
     scenario: Geometry  # as loaded, with the pixels used
     names: tuple[str, ...]  # of the P parameters
-    errors: Array  # (P,) or (P + 2 S,) scales: a derivative moves a value by a fraction of its own
+    errors: Array  # (P,) or (P + 3 S,) scales: a derivative moves a value by a fraction of its own
     _kept: dict[bytes, Matrix] = field(default_factory=dict, init=False, repr=False)  # A by values
 
     @property
@@ -74,8 +74,8 @@ class MovingScene:
         """
         count = len(self.names)
         moved = self.scenario.at(**dict(zip(self.names, values[:count].tolist(), strict=True)))
-        shifts = values[count:].reshape(-1, 2)
-        return Geometry(moved.view, moved.hidden.shifted(shifts)) if len(shifts) else moved
+        places = values[count:].reshape(-1, 3)
+        return Geometry(moved.view, moved.hidden.placed(places)) if len(places) else moved
 
     def is_physical(self, values: Array) -> bool:
         """Return whether some values make a scene."""

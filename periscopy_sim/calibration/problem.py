@@ -95,6 +95,12 @@ class CalibrationProblem:
         """Whether the monitor showed an unknown image in one of the photographs."""
         return len(self.pictures) < len(self.photographs)
 
+    @property
+    def places(self) -> range:
+        """Which of `joint`'s numbers place unknown images; none beside a known one."""
+        first = len(self.names) + len(self.uncertain.names)
+        return range(first, first + 3 * len(self.scenario.hidden) * (not self.pictures))
+
     def camera_noise(self, pixels: int) -> Array:
         """Return the standard deviation of white noise, (K, C), in averages of so many pixels.
 
@@ -125,15 +131,15 @@ class CalibrationProblem:
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
 
-        Unknown images may stand anywhere on their surfaces: the last numbers move these, two each.
-        Else the images' prior, which is dark beyond the border, would pretend to measure their
-        place.
+        Unknown images may stand anywhere on their surfaces, of any size: the last numbers place
+        these, three each. Else the images' prior, which is dark beyond the border, would pretend to
+        measure their place.
         """
         images = SmoothImages.hats(self.hidden, self._in_patches(JOINT_HATS))
         level = self._level(self.hidden, JOINT_PIXELS_A_PATCH, images)
         names = (*self.names, *self.uncertain.names)
         shapes = [] if self.pictures else level.scene.scenario.hidden.shapes.values()
-        place = [size for shape in shapes for size in reversed(shape)]
+        place = [n for rows, columns in shapes for n in (columns, rows, max(rows, columns) / 4)]
         centers = np.concatenate([self.centers, self.uncertain.values, np.zeros(len(place))])
         errors = np.concatenate([self.errors, self.uncertain.standard_errors, place])
         scene = replace(level.scene, names=names, errors=errors)

@@ -312,16 +312,22 @@ class Search:
         return min(aside, self._place(level, end, T), key=lambda each: each.surprise)
 
     def _moments(self, here: Place, asides: Sequence[Place]) -> Array:
-        """Return second moments about a place, (P, P), of those aside on one line.
+        """Return second moments about a place, (P, P), of those on one line.
 
-        Each stands for the patches between it and the next one.
+        Each place stands for the patches between it and the next one. Where half a patch is too
+        far, a parabola through the nearest has the moments.
         """
-        weights, moments = [SHIFTS[0]], np.zeros((len(self.fine.centers),) * 2)
+        weights, moments = [SHIFTS[0]], np.zeros((2, *[len(self.fine.centers)] * 2))
+        nearest = [aside for aside in asides if aside.patches == SHIFTS[0]]
         for aside in asides:
             weights.append(aside.patches * float(np.exp(here.against(aside))))
             step = self.fine.values(aside.scene.point - here.scene.point)
-            moments += weights[-1] * np.outer(step, step)
-        return np.asarray(moments / sum(weights))
+            moments[0] += weights[-1] * np.outer(step, step)
+            if aside in nearest:
+                log_odds = max(-here.against(aside), SHIFTS[0])
+                moments[1] += np.outer(step, step) / (2 * log_odds * len(nearest))
+        moments[0] /= sum(weights)
+        return np.asarray(max(moments, key=np.trace))
 
     def _asides(self, level: ResolutionLevel, here: Place, T: float) -> Iterator[list[Place]]:
         """Yield likely places whose images lie aside, a list along each of a surface's sides.
@@ -337,7 +343,7 @@ class Search:
                     scene = level.candidate(here.scene.point + side * shift * direction)
                     aside = self._place(level, scene, T, shift)
                     before, is_likely = is_likely, here.against(aside) > -FAINT
-                    if is_likely:
+                    if is_likely or shift == SHIFTS[0]:
                         asides.append(aside)
                     elif not before:
                         break

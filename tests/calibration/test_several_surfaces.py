@@ -110,14 +110,17 @@ def test_no_derivative_crosses_the_depth_at_which_one_surface_passes_the_other(s
     assert np.linalg.norm(changes[0] - change) < 0.1 * np.linalg.norm(change)
 
 
-def test_places_within_each_surface_are_free_in_standard_errors(scene):
+def test_places_and_size_within_each_surface_are_free_in_standard_errors(scene):
+    """The ends of the longer side, of n patches, move outwards: all grows by 1 + 2 w / n."""
     scenario = ps.load_scenario(scene, SIZES)
-    moving = MovingScene(scenario, (), np.array([4.0, 6.0, 3.0, 5.0]))
-    moved = moving.at(np.array([1.0, 0.0, 0.0, 2.0])).hidden
-    for name, (across, up) in {"monitor": (1, 0), "hidden_card": (0, 2)}.items():
+    moving = MovingScene(scenario, (), np.ones(6))
+    moved = moving.at(np.array([1.0, 0.0, 0.5, 0.0, 2.0, -0.2])).hidden
+    for name, (across, up, wider) in {"monitor": (1, 0, 0.5), "hidden_card": (0, 2, -0.2)}.items():
         surface = scenario.hidden[name]
-        expected = surface.centers + across * surface.across + up * surface.up
-        np.testing.assert_allclose(moved[name].centers, expected)
+        middle, scale = surface.centers.mean(axis=0), 1 + 2 * wider / max(surface.shape)
+        expected = middle + scale * (surface.vertices - middle)
+        expected += (across * surface.across + up * surface.up)[0]
+        np.testing.assert_allclose(moved[name].vertices, expected, atol=1e-12)
 
 
 @pytest.mark.thorough
