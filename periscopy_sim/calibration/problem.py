@@ -94,12 +94,6 @@ class CalibrationProblem:
         """Whether the monitor showed an unknown image in one of the photographs."""
         return len(self.pictures) < len(self.photographs)
 
-    @property
-    def places(self) -> range:
-        """Which of `joint`'s numbers place unknown images; none beside a known one."""
-        first = len(self.names) + len(self.uncertain.names)
-        return range(first, first + 3 * len(self.scenario.hidden) * (not self.pictures))
-
     def camera_noise(self, pixels: int) -> Array:
         """Return the standard deviation of white noise, (K, C), in averages of so many pixels.
 

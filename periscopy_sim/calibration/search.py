@@ -180,7 +180,7 @@ class Search:
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
     # The ends beside the best, of other places of the image, each so many times as likely.
     rivals: list[tuple[Look, float]] = field(default_factory=list, init=False)
-    # Second moments about the best, (P, P), of scenes aside, one for each side of a surface.
+    # Second moments about the best, (P, P), of scenes aside, one for each direction.
     spread: list[Array] = field(default_factory=list, init=False)
     _rows: tuple[list[Array], ...] = field(default_factory=lambda: ([], [], [], []), init=False)
 
@@ -312,25 +312,19 @@ class Search:
         return min(aside, self._place(level, end, T), key=lambda each: each.surprise)
 
     def _moments(self, here: Place, asides: Sequence[Place]) -> Array:
-        """Return second moments about a place, (P, P), of those on one line.
+        """Return second moments about a place, (P, P), of those aside on one line.
 
-        Each place stands for the patches between it and the next one. Where half a patch is too
-        far, a parabola through the nearest has the moments.
+        Each stands for the patches between it and the next one.
         """
-        weights, moments = [SHIFTS[0]], np.zeros((2, *[len(self.fine.centers)] * 2))
-        nearest = [aside for aside in asides if aside.patches == SHIFTS[0]]
+        weights, moments = [SHIFTS[0]], np.zeros((len(self.fine.centers),) * 2)
         for aside in asides:
             weights.append(aside.patches * float(np.exp(here.against(aside))))
             step = self.fine.values(aside.scene.point - here.scene.point)
-            moments[0] += weights[-1] * np.outer(step, step)
-            if aside in nearest:
-                log_odds = max(-here.against(aside), SHIFTS[0])
-                moments[1] += np.outer(step, step) / (2 * log_odds * len(nearest))
-        moments[0] /= sum(weights)
-        return np.asarray(max(moments, key=np.trace))
+            moments += weights[-1] * np.outer(step, step)
+        return np.asarray(moments / sum(weights))
 
     def _asides(self, level: ResolutionLevel, here: Place, T: float) -> Iterator[list[Place]]:
-        """Yield likely places whose images lie aside, a list along each of a surface's sides.
+        """Yield likely places whose images lie aside, or grow, a list along each direction.
 
         A side ends where two in succession are unlikely: half a patch aside of a right place most
         are.
@@ -343,7 +337,7 @@ class Search:
                     scene = level.candidate(here.scene.point + side * shift * direction)
                     aside = self._place(level, scene, T, shift)
                     before, is_likely = is_likely, here.against(aside) > -FAINT
-                    if is_likely or shift == SHIFTS[0]:
+                    if is_likely:
                         asides.append(aside)
                     elif not before:
                         break
@@ -361,7 +355,7 @@ class Search:
         return Place(scene, _edged(level, scene).cost / T / SPREAD + scene.penalty / 2, patches)
 
     def _follows(self, point: Array, T: float) -> Iterator[Array]:
-        """Yield how a point moves with an image, by a patch across and up each hidden surface.
+        """Yield how a point follows an image, by a patch along each number of `Surface.placed`.
 
         It is the regression on the image's place, smooth images and their places integrated.
         """

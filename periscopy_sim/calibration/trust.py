@@ -29,17 +29,14 @@ def standard_errors(
     (P,), none above that of the measured value; the correlation of the latter, (P, P); and the
     `moves` of `Calibration`, (P, U).
 
-    The covariance is that of the linear theory, (I_θθ + Λ)⁻¹, tempered, as if the images' places
-    were known, and the `spread`, (P, P), that these make: edges place an image better than the
-    look's smooth images do. Were an uncertain parameter p wrong by δ, the photographs would be
-    explained best elsewhere, by −(I_θθ + Λ)⁻¹ I_θp δ.
+    The covariance is that of the linear theory, (I_θθ + Λ)⁻¹, tempered, and the `spread`, (P, P),
+    of scenes that it does not reach. Were an uncertain parameter p wrong by δ, the photographs
+    would be explained best elsewhere, by −(I_θθ + Λ)⁻¹ I_θp δ.
     """
     count, limit = len(problem.names), problem.errors
     whole, every = _deviations(problem, joint)
     moves = np.clip(every[:count], -limit[:, None], limit[:, None])
-    follow, places = whole[:count, problem.places], whole[np.ix_(*[problem.places] * 2)]
-    placed = whole[:count, :count] - follow @ np.linalg.solve(places, follow.T)
-    alone = placed + spread
+    alone = whole[:count, :count] + spread
     covariance = alone + moves @ moves.T
     deviations = np.sqrt(np.diag(covariance))
     statistical = np.minimum(np.sqrt(np.diag(alone)), limit)

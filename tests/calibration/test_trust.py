@@ -49,25 +49,10 @@ def test_an_error_counts_how_far_an_uncertain_number_moves_it() -> None:
     """The photograph knows 99 / σ² of the number, and 60 of it together with the fixed one."""
     joint = look(np.array([[99.0, 60.0], [60.0, 50.0]]))
     uncertain = SimpleNamespace(standard_errors=np.array([0.5]))
-    problem: Any = SimpleNamespace(
-        names=("dx",), errors=np.ones(1), uncertain=uncertain, places=range(2, 2)
-    )
+    problem: Any = SimpleNamespace(names=("dx",), errors=np.ones(1), uncertain=uncertain)
     alone, total, _, moves = standard_errors(problem, joint)
     assert moves == pytest.approx(-0.5 * 60 / 100) and alone == pytest.approx(MARGIN / 10)
     assert total**2 == pytest.approx(alone**2 + moves[0] ** 2)
-
-
-def test_an_image_s_place_counts_by_its_spread_alone() -> None:
-    """Smooth images know the place to 1 / 10 at most, and the number hardly better without it."""
-    joint = look(np.array([[1e6, -1e6], [-1e6, 1e6 + 99]]))
-    nothing = SimpleNamespace(standard_errors=np.zeros(0))
-    problem: Any = SimpleNamespace(
-        names=("dx",), errors=np.ones(1), uncertain=nothing, places=range(1, 2)
-    )
-    known, *_ = standard_errors(problem, joint)
-    aside, *_ = standard_errors(problem, joint, np.array([[0.04]]))
-    assert known == pytest.approx(MARGIN * 1e-3, rel=0.01)
-    assert aside == pytest.approx(0.2, rel=0.01)
 
 
 def test_misfits_are_of_each_photograph_s_light_beyond_noise() -> None:
