@@ -114,7 +114,10 @@ class CalibrationProblem:
     def fine(self) -> ResolutionLevel:
         """Return the level of fine descents."""
         sharp = SharpImages(self.hidden, self.photographs[0].channels)
-        return self._level(self.hidden, PIXELS_A_PATCH, sharp)
+        level = self._level(self.hidden, PIXELS_A_PATCH, sharp)
+        pixels = level.scene.pixels
+        scene = self._scene(pixels, -(-LARGEST // max(pixels.shape)), level.scene.scenario.hidden)
+        return replace(level, finer=scene)
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.

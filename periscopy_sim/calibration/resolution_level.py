@@ -133,6 +133,7 @@ class ResolutionLevel:
     background: Array  # (M, r) orthonormal basis of the ambient light
     groups: tuple[Group, ...]  # the photographs, or their channels, by what is known of the images
     noise: CorrelatedNoise
+    finer: MovingScene | None = None  # the scene by more points of the wall
     photographs: int = 1  # how many there are
 
     @cached_property
@@ -145,6 +146,12 @@ class ResolutionLevel:
     def footprints(self) -> Any:
         """(M, M) sparse averages over the pixels of light in their middles."""
         return footprints(self.scene.pixels, self.scene.across, self.scene.scenario.paint)
+
+    @cached_property
+    def finer_footprints(self) -> Any:
+        """The same of `finer`."""
+        finer = self.finer or self.scene
+        return footprints(finer.pixels, finer.across, finer.scenario.paint)
 
     @cached_property
     def precision(self) -> Array:
@@ -193,7 +200,7 @@ class ResolutionLevel:
         """Return the photographs explained at a point, by nothing where it makes no scene."""
         lights = [self.noise.whitened(np.hstack([*group.light])) for group in self.groups]
         try:
-            A = self.footprints @ self.scene.transport(self.values(point))
+            A = self.finer_footprints @ (self.finer or self.scene).transport(self.values(point))
             bright = self.noise.whitened(self.gain(point)[:, None] * A)
             explained = tuple(
                 group.images.explain(bright, self.background, light)
