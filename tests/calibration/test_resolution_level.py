@@ -167,7 +167,8 @@ def test_the_prior_is_normal(small: Small) -> None:
 def test_a_point_without_shadows_is_no_scene(small: Small) -> None:
     """A scan may put what casts them where no pixel sees it: ambient light then explains all."""
     level = small.level()
-    A = level.footprints @ level.scene.transport(level.centers)
+    assert level.finer is not None
+    A = level.finer_footprints @ level.finer.transport(level.centers)
     bare = replace(level, background=np.linalg.qr(A)[0])
     assert bare.candidate(level.center).explanations == ()
     with pytest.raises(SceneError):
