@@ -14,7 +14,7 @@ the matrix without the mask. All cells together are as sparse as the shadow of e
 
 E_p is twice the negative logarithm of the likelihood of the p-th photograph, whose image is known
 but for the mixture of its colours (`known_pictures`) or unknown. p_j are polynomials of
-degree 1 and 2 over the wall. Without g the mask makes up for the falloff that the scene lacks.
+degree 1 to 3 over the wall. Without g the mask makes up for the falloff that the scene lacks.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ class CalibrationProblem:
         sharp = SharpImages(self.hidden, self.photographs[0].channels)
         level = self._level(self.hidden, PIXELS_A_PATCH, sharp)
         pixels = level.scene.pixels
-        scene = self._scene(pixels, -(-LARGEST // max(pixels.shape)), level.scene.scenario.hidden)
+        scene = self._scene(pixels, -(-LARGEST // max(pixels.shape)), self.hidden)
         return replace(level, finer=scene)
 
     def joint(self) -> ResolutionLevel:
