@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from periscopy_sim.analytic.area_transport import points_across
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.calibration.evidence import (
     HALF_WAVES,
@@ -17,7 +18,7 @@ from periscopy_sim.calibration.evidence import (
 )
 from periscopy_sim.calibration.moving_scene import LARGEST, MovingScene, limit_size, limit_sizes
 from periscopy_sim.calibration.prior import UncertainParameters, row_priors
-from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel
+from periscopy_sim.calibration.resolution_level import Group, ResolutionLevel, averages
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.hidden import Hidden, Size
 from periscopy_sim.model.fit import camera_noise
@@ -115,9 +116,11 @@ class CalibrationProblem:
         """Return the level of fine descents."""
         sharp = SharpImages(self.hidden, self.photographs[0].channels)
         level = self._level(self.hidden, PIXELS_A_PATCH, sharp)
-        pixels = level.scene.pixels
-        scene = self._scene(pixels, -(-LARGEST // max(pixels.shape)), self.hidden)
-        return replace(level, finer=scene)
+        finest = self._averaged[0]
+        across, part = points_across(finest.shape), level.scene.scenario
+        scene = self._scene(finest.pixels, across, part.hidden)
+        by = averages(finest.pixels, part.view.shape, across, scene.scenario.paint)
+        return replace(level, finer=(scene, by))
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.

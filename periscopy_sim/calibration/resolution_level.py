@@ -21,10 +21,12 @@ from periscopy_sim.calibration.evidence import (
 )
 from periscopy_sim.calibration.moving_scene import Matrix, MovingScene
 from periscopy_sim.errors import SceneError
+from periscopy_sim.hidden import Size
 from periscopy_sim.model.transport_operator import NOTHING_LEFT
 from periscopy_sim.model.wall_gain import polynomials
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.numerics.validation import InputError
+from periscopy_sim.storage.pictures import MAJORITY, coverage
 
 
 def footprints(pixels: Mask, across: int = 1, paint: Array | None = None) -> Any:
@@ -49,6 +51,21 @@ def footprints(pixels: Mask, across: int = 1, paint: Array | None = None) -> Any
         over, under = (sparse.diags_array(each[:, 0]) for each in (paint, 1 / paint))
         curvature = over @ curvature @ under
     return sparse.csr_array(curvature + sparse.eye_array(*curvature.shape), dtype=np.float32)
+
+
+def averages(pixels: Mask, shape: Size, across: int = 1, paint: Array | None = None) -> Any:
+    """Return averages over larger pixels of light in the middles of F pixels, (M, F), sparse.
+
+    They are those of `averaged_photograph`, of which the mask leaves M: so a photograph and A are
+    averaged alike, also where borders of the pixels, or of the mask, do not meet.
+    """
+    rows, columns = (coverage(*sizes) for sizes in zip(shape, pixels.shape, strict=True))
+    parts = sparse.kron(sparse.csr_array(rows), sparse.csr_array(columns), format="csr")
+    parts = parts[:, np.flatnonzero(pixels)]
+    whole = parts.sum(axis=1)
+    inside = np.flatnonzero(whole > MAJORITY)
+    means = sparse.diags_array(1 / whole[inside]) @ parts[inside]
+    return sparse.csr_array(means.astype(np.float32) @ footprints(pixels, across, paint))
 
 
 DEGREE, SPREAD = 3, 0.15
@@ -133,7 +150,7 @@ class ResolutionLevel:
     background: Array  # (M, r) orthonormal basis of the ambient light
     groups: tuple[Group, ...]  # the photographs, or their channels, by what is known of the images
     noise: CorrelatedNoise
-    finer: MovingScene | None = None  # the scene by more points of the wall
+    finer: tuple[MovingScene, Any] | None = None  # seen in more pixels, and `averages` over these
     photographs: int = 1  # how many there are
 
     @cached_property
@@ -146,12 +163,6 @@ class ResolutionLevel:
     def footprints(self) -> Any:
         """(M, M) sparse averages over the pixels of light in their middles."""
         return footprints(self.scene.pixels, self.scene.across, self.scene.scenario.paint)
-
-    @cached_property
-    def finer_footprints(self) -> Any:
-        """The same of `finer`."""
-        finer = self.finer or self.scene
-        return footprints(finer.pixels, finer.across, finer.scenario.paint)
 
     @cached_property
     def precision(self) -> Array:
@@ -198,9 +209,10 @@ class ResolutionLevel:
 
     def candidate(self, point: Array) -> Candidate:
         """Return the photographs explained at a point, by nothing where it makes no scene."""
+        scene, averages = self.finer or (self.scene, self.footprints)
         lights = [self.noise.whitened(np.hstack([*group.light])) for group in self.groups]
         try:
-            A = self.finer_footprints @ (self.finer or self.scene).transport(self.values(point))
+            A = averages @ scene.transport(self.values(point))
             bright = self.noise.whitened(self.gain(point)[:, None] * A)
             explained = tuple(
                 group.images.explain(bright, self.background, light)

@@ -108,8 +108,8 @@ def png_bytes(pixels: NDArray[np.uint8], text: Mapping[str, str]) -> bytes:
     return stream.getvalue()
 
 
-WHOLE = 0.9
-"""Fraction of a pixel that a mask must leave: the mean of less is that of another place."""
+MAJORITY = 0.5 + 1e-6
+"""Fraction of a pixel that a mask must leave; ties are decided alike in mirror images."""
 
 
 def area_average(image: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
@@ -131,14 +131,14 @@ def coverage(boxes: int, pixels: int) -> NDArray[np.float64]:
 
 
 def averaged_photograph(photograph: Photograph, shape: tuple[int, int]) -> Photograph:
-    """Return a photograph averaged to fewer pixels, those that the mask leaves `WHOLE`.
+    """Return a photograph averaged to fewer pixels, those of which the mask leaves the `MAJORITY`.
 
     Its photographs with the monitor off are averaged alike.
     """
     if shape == photograph.shape:
         return photograph
     covered = area_average(photograph.pixels[..., None], shape)
-    inside = covered > WHOLE
+    inside = covered > MAJORITY
 
     def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
         light = area_average(blackened(values, photograph.mask), shape)

@@ -14,12 +14,14 @@ from periscopy_sim.calibration.resolution_level import (
     SPREAD,
     Group,
     ResolutionLevel,
+    averages,
     footprints,
 )
 from periscopy_sim.calibration.search import descend
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
 from periscopy_sim.photograph import Photograph
+from periscopy_sim.storage.pictures import averaged_photograph
 from periscopy_sim.testing import derivative_test
 from tests.scenes.calibration import ERRORS, TRUTH, Small
 
@@ -45,6 +47,22 @@ def test_pixels_are_means_of_light_that_is_known_at_points(across: int) -> None:
     before, after = (np.max(np.abs(each - MEANS)[5:-1, 4:-1]) for each in (known, averaged))
     assert before == pytest.approx(6.0 / across**2, rel=0.1)
     assert after < 0.05
+
+
+@pytest.mark.parametrize("shape", [(20, 20), (10, 10), (7, 9)])
+def test_a_photograph_and_a_are_averaged_alike(shape: tuple[int, int]) -> None:
+    """Also where large pixels part small ones, and the mask large ones."""
+    photograph = Photograph(np.repeat(MEANS[..., None], 3, axis=2), mask=PIXELS)
+    means = averaged_photograph(photograph, shape)
+    exact = means.values[means.pixels][:, 0]
+    S = averages(PIXELS, shape)
+    assert S.shape == (len(exact), np.count_nonzero(PIXELS))
+    off = np.abs(S @ light(1)[PIXELS] - exact)
+    assert np.median(off) < 0.1
+    if shape == (10, 10):  # else the outermost row has its part in all large pixels beside it
+        inner = np.zeros(shape, bool)
+        inner[3:-1, 2:-1] = True
+        assert off[inner[means.pixels]].max() < 0.05
 
 
 GAIN = 0.05, -0.03, 0.04, 0.02, -0.05, 0.02, 0.01, -0.03, 0.02
@@ -168,8 +186,8 @@ def test_a_point_without_shadows_is_no_scene(small: Small) -> None:
     """A scan may put what casts them where no pixel sees it: ambient light then explains all."""
     level = small.level()
     assert level.finer is not None
-    A = level.finer_footprints @ level.finer.transport(level.centers)
-    bare = replace(level, background=np.linalg.qr(A)[0])
+    scene, averages = level.finer
+    bare = replace(level, background=np.linalg.qr(averages @ scene.transport(level.centers))[0])
     assert bare.candidate(level.center).explanations == ()
     with pytest.raises(SceneError):
         bare.look(bare.candidate(level.center))

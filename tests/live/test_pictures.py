@@ -112,16 +112,13 @@ def test_verdict_on_frames_says_what_would_help(level, choice):
     assert verdict.is_doubted and verdict.remedies
 
 
-def test_only_pixels_that_a_mask_leaves_whole_are_averages():
+def test_masked_pixels_of_a_photograph_are_averaged_out():
     values = np.ones((8, 8, 3))
     used = np.ones((8, 8), bool)
     values[:4, :4], used[:4, :4] = np.nan, False
     values[4, 4], used[4, 4] = 1e9, False
     coarse = averaged_photograph(Photograph(values, used), (4, 4))
-    assert coarse.mask.tolist() == [[False, False, True, True]] * 2 + [
-        [True, True, False, True],
-        [True] * 4,
-    ]
+    assert coarse.mask.tolist() == [[False, False, True, True]] * 2 + [[True] * 4] * 2
     np.testing.assert_allclose(coarse.used, 1)
 
 
