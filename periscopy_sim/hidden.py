@@ -260,10 +260,6 @@ class Hidden(Mapping[str, Surface]):
             return self
         return Hidden({n: each.moved(motions.get(n, np.eye(4))) for n, each in self.items()})
 
-    def placed(self, places: Array) -> "Hidden":
-        """Return the surfaces at `Surface.placed` places, (surfaces, 3)."""
-        return Hidden({n: self[n].placed(*each) for n, each in zip(self, places, strict=True)})
-
     def split(self, f: NDArray[Any]) -> dict[str, NDArray[Any]]:
         """Return each surface's image, (R, C, ...), of a vector over all patches, (N, ...)."""
         return {

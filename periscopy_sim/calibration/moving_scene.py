@@ -75,7 +75,10 @@ class MovingScene:
         count = len(self.names)
         moved = self.scenario.at(**dict(zip(self.names, values[:count].tolist(), strict=True)))
         places = values[count:].reshape(-1, 3)
-        return Geometry(moved.view, moved.hidden.placed(places)) if len(places) else moved
+        if not len(places):
+            return moved
+        pairs = zip(moved.hidden.items(), places, strict=True)
+        return Geometry(moved.view, Hidden({n: each.placed(*place) for (n, each), place in pairs}))
 
     def is_physical(self, values: Array) -> bool:
         """Return whether some values make a scene."""

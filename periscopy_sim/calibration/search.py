@@ -355,7 +355,7 @@ class Search:
         return Place(scene, _edged(level, scene).cost / T / SPREAD + scene.penalty / 2, patches)
 
     def _follows(self, point: Array, T: float) -> Iterator[Array]:
-        """Yield how a point follows an image, by a patch along each number of `Surface.placed`.
+        """Yield how a point follows an image, for each number of `Surface.placed`, a patch each.
 
         It is the regression on the image's place, smooth images and their places integrated.
         """
