@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from heapq import nsmallest
 from itertools import chain
 
@@ -282,7 +283,8 @@ class Search:
         """
         T, here = look.temperature, self._place(level, look, look.temperature)
         while True:
-            lines = [*self._asides(level, here, T)]
+            directions = [*self._follows(here.scene.point, T)]
+            lines = self._lines(level, here, directions, T)
             asides = sorted(chain(*lines), key=lambda each: each.surprise)
             if not asides or here.against(asides[0]) < 1:
                 break
@@ -293,7 +295,7 @@ class Search:
             lines = [[former, *(each for each in line if each is not best)] for line in lines]
             asides = sorted([former, *asides[1:]], key=lambda each: each.surprise)
             here = self._ended(level, best, T)
-        self.spread[:] = [self._moments(here, line) for line in lines]
+        self.spread[:] = map(partial(self._moments, here), lines, directions)
         for aside in asides[:ASIDES]:
             if expit(here.against(aside)) > UNLIKELY and self._has_barrier(level, here, aside, T):
                 rival = level.look(aside.scene, T)
@@ -311,37 +313,49 @@ class Search:
         end = self._settled(level, 2, level.look(aside.scene, T))
         return min(aside, self._place(level, end, T), key=lambda each: each.surprise)
 
-    def _moments(self, here: Place, asides: Sequence[Place]) -> Array:
-        """Return second moments about a place, (P, P), of those aside on one line.
+    def _moments(self, here: Place, asides: Sequence[Place], direction: Array) -> Array:
+        """Return second moments about a place, (P, P), of it and those aside on one line.
 
-        Each stands for the patches between it and the next one.
+        Each stands for the patches between it and the next one: the evidence is rough within a
+        patch, so the image's place is uniformly distributed there.
         """
-        weights, moments = [SHIFTS[0]], np.zeros((len(self.fine.centers),) * 2)
+        step = self.fine.values(direction)
+        weights, moments = [SHIFTS[0]], SHIFTS[0] ** 3 / 12 * np.outer(step, step)
         for aside in asides:
             weights.append(aside.patches * float(np.exp(here.against(aside))))
             step = self.fine.values(aside.scene.point - here.scene.point)
             moments += weights[-1] * np.outer(step, step)
         return np.asarray(moments / sum(weights))
 
-    def _asides(self, level: ResolutionLevel, here: Place, T: float) -> Iterator[list[Place]]:
-        """Yield likely places whose images lie aside, or grow, a list along each direction.
+    def _lines(
+        self, level: ResolutionLevel, here: Place, directions: Sequence[Array], T: float
+    ) -> list[list[Place]]:
+        """Return likely places whose images lie aside, or grow, along some directions, (P + K,)."""
+
+        def moved(direction: Array, patches: float) -> Candidate:
+            return level.candidate(here.scene.point + patches * direction)
+
+        return [self._asides(level, here, partial(moved, each), T) for each in directions]
+
+    def _asides(
+        self, level: ResolutionLevel, here: Place, moved: Callable[[float], Candidate], T: float
+    ) -> list[Place]:
+        """Return likely places on one line, whose scenes are `moved` by so many patches.
 
         A side ends where two in succession are unlikely: half a patch aside of a right place most
         are.
         """
-        for direction in self._follows(here.scene.point, T):
-            asides = []
-            for side in 1, -1:
-                is_likely = True
-                for shift in SHIFTS:
-                    scene = level.candidate(here.scene.point + side * shift * direction)
-                    aside = self._place(level, scene, T, shift)
-                    before, is_likely = is_likely, here.against(aside) > -FAINT
-                    if is_likely:
-                        asides.append(aside)
-                    elif not before:
-                        break
-            yield asides
+        asides = []
+        for side in 1, -1:
+            is_likely = True
+            for shift in SHIFTS:
+                aside = self._place(level, moved(side * shift), T, shift)
+                before, is_likely = is_likely, here.against(aside) > -FAINT
+                if is_likely:
+                    asides.append(aside)
+                elif not before:
+                    break
+        return asides
 
     def _place(
         self, level: ResolutionLevel, scene: Candidate, T: float, patches: float = 0.0
