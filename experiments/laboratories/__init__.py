@@ -1,4 +1,4 @@
-"""Stand-in laboratories, and what the package's commands make of them."""
+"""Stand-in laboratories, of which one is the tutorial's."""
 
 from periscopy_sim.rendering.variant import choose_llvm
 

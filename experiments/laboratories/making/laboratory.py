@@ -75,28 +75,6 @@ class Laboratory:
 
 _EXPONENT = re.compile(r'\s*<float name="(vertical|horizontal)_exponent" value="([^"]*)"/>')
 
-LAMP = Laboratory(
-    name="lamp",
-    hidden_image="still_life",
-    hidden=(18, 32),
-    block=8,
-    meshes={"lamp": meshes.lamp},
-    paint=Paint(seed=1),
-    poster=Poster(0.22, 0.5, 0.06, 0.3, seed=3),
-    camera=Camera(),
-    seed=1,
-)
-PLATE = Laboratory(
-    name="plate",
-    hidden_image="mushroom",
-    hidden=(20, 26),
-    block=5,
-    meshes={"plate": meshes.plate},
-    paint=Paint(grain=(0.004, 0.004), passes=(0.2, 0.0), seam=(0.0, 1.0, 0.0), dirt=1.0, seed=2),
-    camera=Camera(vignetting=0.1, sensitivity=(0.8, 1.0, 0.55)),
-    sbr=0.2,
-    seed=2,
-)
 SHELF = Laboratory(
     name="shelf",
     hidden_image="digits",
@@ -109,19 +87,7 @@ SHELF = Laboratory(
     sbr=0.5,
     seed=3,
 )
-BOTTLE = Laboratory(
-    name="bottle",
-    hidden_image="sunset",
-    hidden=(30, 20),
-    block=5,
-    meshes={"bottle": meshes.bottle},
-    paint=Paint(passes=(0.25, 0.3), seam=(-0.05, 0.012, 0.3), dirt=0.5, seed=4),
-    camera=Camera(vignetting=0.45, distortion=-0.04, sensitivity=(0.5, 1.0, 0.8)),
-    points=(5, 4),
-    sbr=0.6,
-    seed=4,
-)
-LABORATORIES = {laboratory.name: laboratory for laboratory in (LAMP, PLATE, SHELF, BOTTLE)}
+"""A subject of `experiments.studies.wrong_scenes`."""
 
 TUTORIAL = Laboratory(
     name="tutorial",

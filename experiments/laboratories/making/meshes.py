@@ -22,16 +22,6 @@ def lamp() -> Mesh:
     return trimesh.util.concatenate(parts)
 
 
-def plate() -> Mesh:
-    """Return a plate, 90 x 80 x 2 mm, on a stick of 6 mm; the origin is the plate's middle."""
-    return _boxes(
-        [
-            ((-0.045, 0.045), (-0.001, 0.001), (-0.04, 0.04)),
-            ((-0.003, 0.003), (-0.002, 0.0005), (-0.287, -0.039)),
-        ]
-    )
-
-
 def shelf() -> Mesh:
     """Return a board across y with openings and two legs; the origin is its lower edge's middle."""
     thick = (-0.006, 0.006)
@@ -48,19 +38,6 @@ def shelf() -> Mesh:
         ((0.06, 0.075), (-0.38, 0.001)),
     ]
     return _boxes([(thick, y, z) for y, z in bars])
-
-
-def bottle() -> Mesh:
-    """Return a bottle and, beside it, a can; the origin is the bottle's foot."""
-    import trimesh
-
-    parts = [
-        _tube((0, 0, 0), (0, 0, 0.165), 0.036, 0.036),
-        _tube((0, 0, 0.164), (0, 0, 0.215), 0.0355, 0.014),
-        _tube((0, 0, 0.214), (0, 0, 0.285), 0.0138, 0.012),
-        _tube((0.085, 0.012, 0), (0.085, 0.012, 0.125), 0.033, 0.033),
-    ]
-    return trimesh.util.concatenate(parts)
 
 
 def _boxes(extents: list[Any]) -> Mesh:

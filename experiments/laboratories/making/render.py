@@ -83,7 +83,7 @@ class World:
 
     def seen(self, pixels: Array) -> Seen:
         """Return what pixels of the photograph see of the wall."""
-        return seen_by(self.scene, self.laboratory.camera, pixels, self.size)
+        return seen_by(self.scene, pixels, self.size)
 
     @cached_property
     def centres(self) -> Seen:
