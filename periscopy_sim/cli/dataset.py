@@ -57,7 +57,7 @@ def make(
     """Make or continue a data set ('make' is optional)."""
     require_all(*SWEEP)
     settings = ps.load_configuration(configuration)
-    start = time.perf_counter()
+    start, lights = time.perf_counter(), list[str]()
 
     def planned(work: "Work") -> None:
         if work.samples:
@@ -65,10 +65,12 @@ def make(
             of, size = output.counted(work.geometries, "geometry"), decimal(work.size)
             output.say(f"{samples} of {of}, {size} before compression")
             output.show_parts(matrix=work.geometries, ambient_light=work.lights)
+            lights.extend([output.counted(work.lights, "ambient light")] if work.lights else [])
 
     with output.progress("making samples", "samples") as report:
         result = ps.make_dataset(
-            settings, out, count=count, scheduler=scheduler, planned=planned, progress=report,
+            settings, out, count=count, scheduler=scheduler, planned=planned,
+            estimated=lambda seconds: output.show_time(seconds, *lights), progress=report,
             rendering=output.progress,
         )  # fmt: skip
     seconds = time.perf_counter() - start

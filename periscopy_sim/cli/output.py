@@ -279,3 +279,12 @@ def show_parts(**numbers: int) -> None:
     words = [counted(n, noun.replace("_", " ")) for noun, n in numbers.items() if n]
     if words:
         say(f"to make: {', '.join(words)}")
+
+
+def show_time(seconds: float, *apart: str) -> None:
+    """Print how long a command takes, but for what is apart."""
+    record(estimated_seconds=round(seconds))
+    units = {"hours": 3600, "minutes": 60, "s": 1}
+    unit = next((name for name, size in units.items() if seconds > 1.5 * size), "s")
+    number = max(float(f"{seconds / units[unit]:.2g}"), 1.0)
+    say(" and ".join([f"about {number:g} {unit}", *apart]))

@@ -150,6 +150,7 @@ def sweep(
     The same command resumes an interrupted sweep; more values compute only their cells.
     """
     from periscopy_sim.evaluation.study import SweepWork
+    from periscopy_sim.evaluation.workers import thread_count
 
     names = options.parse_list("--methods", methods)
     require_all(*SWEEP)
@@ -176,7 +177,10 @@ def sweep(
     seconds = defaultdict[str, list[float]](list)
 
     def planned(swept: "Sweep", missing: Sequence[Mapping[str, Any]]) -> None:
-        _show_work(SweepWork.of(swept, missing))
+        _show_work(work := SweepWork.of(swept, missing))
+        if (total := work.seconds(thread_count(scheduler))) is not None:
+            apart = {"ambient light": len(work.lights), "calibration": len(work.calibrations)}
+            output.show_time(total, *(output.counted(n, noun) for noun, n in apart.items() if n))
 
     def noted(notes: "Sequence[Note | str]") -> None:
         for each in notes:

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from periscopy_sim.dataset.configuration import Bounced, Configuration, load_con
 from periscopy_sim.dataset.reading import CHANNELS, KIND, Layout
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.evaluation.workers import check_scheduler, compute, connect
-from periscopy_sim.numerics.machine import Stage, ahead, silent
+from periscopy_sim.numerics.machine import Stage, ahead, core_count, silent, timed
 from periscopy_sim.rendering.variant import require_vectorized
 from periscopy_sim.scenario import Scenario
 from periscopy_sim.storage import outputs, places
@@ -53,6 +54,7 @@ def make_dataset(
     count: int | None = None,
     scheduler: str | None = None,
     planned: Callable[[Work], None] | None = None,
+    estimated: Callable[[float], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
     rendering: Stage = silent,
 ) -> Made:
@@ -71,6 +73,9 @@ def make_dataset(
         Address of a Dask scheduler; None for this process.
     planned
         Called with what the run makes, before it does.
+    estimated
+        Called with the seconds that it takes, by the first geometry and block, but for ambient
+        light. A run on a scheduler calls it never.
     progress
         Called with the samples that are done and those that there will be, before each block is
         kept; an exception that it raises stops the making.
@@ -135,6 +140,14 @@ def make_dataset(
             rooms = samples.missing_lights(settings, first) if shares else 0
             planned(Work(made, len(shares), rooms, made * layout.sample_bytes))
         maker = _Maker(settings, layout.photograph_shape, store)
+        if shares and scheduler is None and estimated is not None:
+            maker.backgrounds = samples.backgrounds_of(settings, first)
+            number, (block, *_) = next(iter(shares.items()))
+            of_geometry, geometry = timed(partial(maker.geometry, number))
+            together = [(geometry, block)] * core_count()  # as many as run at once
+            of_all = timed(lambda: [*ahead(maker.block, together)])[0]
+            of_block = of_all / len(together) * sum(map(len, shares.values()))
+            estimated((len(shares) - 1) * of_geometry + of_block)
         maker.backgrounds = samples.backgrounds_of(settings, first, rendering) if shares else {}
         for block, values in maker.made(shares, scheduler):
             # Before it is kept: an interrupt may have stopped Mitsuba in the midst of it.

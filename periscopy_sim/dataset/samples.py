@@ -387,14 +387,21 @@ def _in_grey(scenario: Scenario) -> Scenario:
     return replace(scenario, view=replace(view, reflectance=view.reflectance / view.channel_gain))
 
 
-def backgrounds_of(settings: Configuration, scenario: Scenario, progress: Stage) -> Backgrounds:
+def backgrounds_of(
+    settings: Configuration, scenario: Scenario, progress: Stage | None = None
+) -> Backgrounds:
     """Return the ambient light of each source of pictures or conditions, on a scene's wall in grey.
 
-    Pictures show the scene's wall, with a positive mean.
+    Pictures show the scene's wall, with a positive mean. Without `progress` even light takes the
+    place of conditions, to try how long a sample takes.
     """
     scenario, light = _in_grey(scenario), dict[int, NDArray[np.float32]]()
     for number, source in enumerate(settings.ambient):
-        if isinstance(source, Conditions):
+        if isinstance(source, Conditions) and progress is None:
+            even = np.ones((*scenario.photograph_shape, 3))
+            pictures = [(name, even) for name in source.names]
+        elif isinstance(source, Conditions):
+            assert progress is not None
             of_source = partial(scenario.ambient, target=source.target, progress=progress)
             pictures = [(name, of_source(name).photograph) for name in source.names]
         elif isinstance(source, Pictures):

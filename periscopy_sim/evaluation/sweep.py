@@ -13,10 +13,12 @@ import math
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import SWEEP, PeriscopyError, SceneError, require_all
 from periscopy_sim.evaluation.metrics import METRICS, measured
@@ -25,7 +27,7 @@ from periscopy_sim.evaluation.workers import compute, connect
 from periscopy_sim.hidden import Hidden, named
 from periscopy_sim.measurement import add_noise, composite, composite_error
 from periscopy_sim.methods import OwnError, estimates_by, without_addresses
-from periscopy_sim.numerics import Array, Image
+from periscopy_sim.numerics import Array, Image, machine
 from periscopy_sim.numerics.validation import InputError, checked
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.reconstruction.method import Method
@@ -401,6 +403,16 @@ def run_sweep(
     with outputs.staged_file(folder / "sweep.csv") as staged:
         table.rename(columns=columns).to_csv(staged, na_rep="nan", lineterminator="\n")
     return results
+
+
+def cell_seconds(world: World, cells: Mapping[str, Values]) -> dict[str, float]:
+    """Measure how long a thread takes for each method's cell, by its name."""
+    seconds = dict[str, float]()
+    with threadpool_limits(1):
+        for name, cell in cells.items():
+            asked = tuple(cell[axis] for axis in LIGHT), (name,)
+            seconds[name], _ = machine.timed(partial(_evaluate, (world, 0, ""), asked))
+    return seconds
 
 
 def _store(sweep: Sweep, folder: Path) -> SweepStore:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.errors import PeriscopyError
+from periscopy_sim.numerics.machine import core_count
 from periscopy_sim.storage.places import place
 
 if TYPE_CHECKING:
@@ -62,6 +63,14 @@ def _silence() -> Iterator[None]:
         yield
     finally:
         logging.disable(disabled)
+
+
+def thread_count(scheduler: str | None) -> int:
+    """Return how many tasks run at once: the threads of a cluster, or the cores of this machine."""
+    if scheduler is None:
+        return core_count()
+    with connect(scheduler) as client:
+        return sum(client.nthreads().values())
 
 
 def check_scheduler(scheduler: str | None, out: Path | None = None) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -66,6 +67,20 @@ def rising(progress: Callable[[float], None] | None) -> Callable[[float], None]:
             progress(most)
 
     return report
+
+
+LONG = 2.0
+"""Seconds of a call beside which what its first run compiles does not count."""
+
+
+def timed(function: Callable[[], Result]) -> tuple[float, Result]:
+    """Return how long a call takes, in seconds, and its result; a short call is repeated."""
+    for _ in range(2):
+        started = time.perf_counter()
+        result = function()
+        if (seconds := time.perf_counter() - started) > LONG:
+            break
+    return seconds, result
 
 
 def ahead(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:

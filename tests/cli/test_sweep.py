@@ -127,7 +127,7 @@ def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_onc
     )  # fmt: skip
     succeeds(*study, "--vary", "snr=40,60")
     places = "occluder_dx=0", "occluder_dx=0.01"
-    assert len({*rendered}) == 2 * 2 * 2 == len(rendered)
+    assert len({*rendered}) == 2 * 2 * 2 >= len(rendered) - 1  # one twice, which is timed
     assert {*Path("out").rglob("*.exr")} == {
         Path("out", place, f"photograph_bars_{snr}dB.exr") for place in places for snr in (40, 60)
     }
@@ -147,12 +147,12 @@ def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(
     given = command("--flips", ambient="left.exr", snr="40:60:2")
     shown = succeeds(*given)
     assert shown.startswith(
-        "32 results: 2 methods x 1 image x 2 SBRs x 2 SNRs x 4 flips\nto make: 1 matrix\n"
+        "32 results: 2 methods x 1 image x 2 SBRs x 2 SNRs x 4 flips\nto make: 1 matrix\nabout "
     )
     more = json.loads(
         succeeds(*given, "--vary", "truncated-svd.tv_weight=1", "--json", "--out", "b")
     )
-    assert (more["missing"], more["results"]) == (32, 32)
+    assert (more["missing"], more["results"]) == (32, 32) and more["estimated_seconds"] >= 0
     grown = command("--flips", ambient="left.exr", snr="40:60:2", sbr="0.5,5,50")
     assert "\n16 of 48 results: " in "\n" + succeeds(*grown)
     assert "results:" not in succeeds(*grown) and succeeds(*grown, "-q") == ""

@@ -28,11 +28,12 @@ def test_a_camera_of_four_channels_is_announced_by_its_size(configured, tmp_path
     settings = configured(
         ambient=pictures, colour_matrix=[*np.eye(3).tolist(), (1, 0, 0)], count=20
     )
-    plans, path = [], tmp_path / "data.zarr"
-    make_dataset(settings, path, planned=plans.append)
+    plans, seconds = [], []
+    path = tmp_path / "data.zarr"
+    make_dataset(settings, path, planned=plans.append, estimated=seconds.append)
     data = ps.open_dataset(path)
     images = [data[name].nbytes for name in ("photograph", "background", "hidden")]
-    assert plans[0].size == sum(images)
+    assert plans[0].size == sum(images) and seconds[0] > 0
 
 
 class Stopped(BaseException):
