@@ -1,4 +1,4 @@
-"""Stand-in laboratories, of which one is the tutorial's."""
+"""The stand-in laboratory of the tutorial."""
 
 from periscopy_sim.rendering.variant import choose_llvm
 

@@ -26,7 +26,7 @@ def read_by_ruler(text: str, seed: int) -> dict[str, float]:
     read = {}
     for name in sorted(values):
         if (error := values.get(name + ERROR)) is not None:
-            step = 0.5 if name.endswith(("turn", "tilt", "fov")) else 0.001
+            step = 0.5 if name.endswith("turn") else 0.001
             while abs(deviation := rng.standard_normal()) > LARGEST:
                 pass
             value = values[name] + error * deviation

@@ -1,16 +1,18 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from experiments.laboratories.making import ruler
 from experiments.laboratories.making.camera import Camera
-from experiments.laboratories.making.laboratory import SHELF, TUTORIAL
 from experiments.laboratories.making.paint import Paint
 
+LABORATORY = Path(ruler.__file__).parents[1] / "scenes" / "scene.xml"
 
-@pytest.mark.parametrize("laboratory", [SHELF, TUTORIAL], ids=lambda each: each.name)
-def test_a_ruler_reads_within_two_errors_as_often_as_a_normal_law_says(laboratory):
+
+def test_a_ruler_reads_within_two_errors_as_often_as_a_normal_law_says():
     """Of 400 readings of each number: the cut normal law's spread within four of its errors."""
-    text = laboratory.scene
+    text = LABORATORY.read_text("utf-8")
     true = ruler.declared(text)
     read = [ruler.read_by_ruler(text, seed) for seed in range(400)]
     assert len(read[0]) >= 7
