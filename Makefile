@@ -49,7 +49,7 @@ paper: $(VENV)/installed-experiments
 beyond: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.beyond --out out/beyond --rendered out/paper/rendered
 
-# How fast it is, beside another library: out/benchmark/index.html.
+# What fine grids cost, seconds and memory: out/benchmark/index.html.
 benchmark: $(VENV)/installed-experiments
 	$(BIN)/python -m experiments.benchmarks --out out/benchmark
 

@@ -64,16 +64,14 @@ class FittedScene:
     hidden: tuple[int, int]  # (R, C) of the hidden image
     seed: int = 0
     parameters: Mapping[str, str | float] | None = None  # values of the scene's ``<default>``s
-    photograph_shape: tuple[int, int] | None = None  # of the photograph; None for the film's own
     light: ps.Light = ps.Light(samples=RAYS)  # noqa: RUF009  it is frozen
 
     @cached_property
     def scenario(self) -> Scenario:
         """The scene, which makes A, B, photographs and methods."""
         return ps.load_scenario(
-            find_scene(self.scene), self.hidden, self.parameters,
-            photograph=self.photograph_shape, light=self.light, seed=self.seed,
-        )  # fmt: skip
+            find_scene(self.scene), self.hidden, self.parameters, light=self.light, seed=self.seed
+        )
 
     @property
     def A(self) -> NDArray[np.float32]:  # noqa: N802 (the paper's name)
@@ -177,20 +175,14 @@ class Setting(FittedScene):
         return kept(self.rendered / f"{name}.exr", record, render)
 
 
-def kept(
-    file: Path,
-    depends: Mapping[str, str],
-    render: Callable[[], Array],
-    provenance: Mapping[str, str] | None = None,
-) -> Array:
+def kept(file: Path, depends: Mapping[str, str], render: Callable[[], Array]) -> Array:
     """Render a picture, (rows, columns, 3), or read the file that holds it.
 
-    The function reads the file if its metadata are what the picture `depends` on; it only records
-    `provenance`.
+    The function reads the file if its metadata are what the picture `depends` on.
     """
     if not (file.is_file() and depends.items() <= read_exr(file)[1].items()):
         with staged_file(file) as staged:
-            write_exr(staged, render(), {**(provenance or {}), **depends})
+            write_exr(staged, render(), depends)
     return np.asarray(read_exr(file)[0], np.float64)
 
 

@@ -19,9 +19,3 @@ def clocked(task: Callable[[], Result], runs: int = 1) -> tuple[float, Result]:
         if run < runs:
             del result  # gigabytes, before the next ones
     return float(np.median(seconds)), result
-
-
-def median_seconds(task: Callable[[], object], runs: int) -> float:
-    """Return the median of a task's seconds, after one run that compiles and warms."""
-    task()
-    return clocked(task, runs)[0]

@@ -7,7 +7,7 @@ installed is such an error, too: `require` imports its libraries where they are 
 import os
 import re
 from collections.abc import Iterable
-from difflib import SequenceMatcher
+from difflib import get_close_matches
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -93,25 +93,15 @@ def in_words(message: str) -> str:
     return message
 
 
-LIKE = 0.6
+LIKE = 0.5
 """Likeness, difflib's ratio, from which on a name may be meant by another."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the question for the known name most like another; empty where none is.
-
-    The order of words does not matter, and a name's beginning is like the name.
-    """
-
-    def likeness(other: str) -> float:
-        if len(name) > 2 and other.lower().startswith(name.lower()):
-            return 1.0
-        words = [re.split("[^a-z0-9]+", each.lower()) for each in (name, other)]
-        pairs = words, [sorted(each) for each in words]
-        return max(SequenceMatcher(a=" ".join(a), b=" ".join(b)).ratio() for a, b in pairs)
-
-    nearest = max(known, key=likeness, default="")
-    return f"did you mean '{nearest}'?" if nearest and likeness(nearest) > LIKE else ""
+    """Return the question for the known name most like another; empty where none is."""
+    by_lower = {each.lower(): each for each in known}
+    nearest = get_close_matches(name.lower(), by_lower, 1, LIKE)
+    return f"did you mean '{by_lower[nearest[0]]}'?" if nearest else ""
 
 
 def path_fault(path: str | os.PathLike[str]) -> str:

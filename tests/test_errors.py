@@ -37,8 +37,7 @@ def test_long_message_keeps_its_start_and_its_end():
     [
         ("lamp_turm", "did you mean 'lamp_turn'?"),
         ("LAMP_TURN", "did you mean 'lamp_turn'?"),
-        ("lamp_y", "did you mean 'lamp_x'?"),
-        ("x_lamp", "did you mean 'lamp_x'?"),
+        ("lamp_y", "did you mean 'lamp_z'?"),
         ("lamp_tunr", "did you mean 'lamp_turn'?"),
         ("width_veiw", "did you mean 'view_width'?"),
         ("view", "did you mean 'view_width'?"),

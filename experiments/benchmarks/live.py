@@ -1,10 +1,9 @@
-"""How fast the page of `periscopy view` follows a hand, as headless Chromium shows it.
+"""Headless Chromium on the page of `periscopy view` and `watch`.
 
 It needs Playwright and a Chromium of the system's (Debian: chromium). On a machine without a GPU
 the browser draws in software, and takes its part of the cores.
 """
 
-import os
 import shutil
 import time
 from collections.abc import Iterator
@@ -15,16 +14,8 @@ from typing import Any
 import numpy as np
 
 import periscopy_sim as ps
-from experiments.benchmarks.scene import SMALL
-from experiments.report import Claim, Section, Verdict
-from experiments.setting import Setting
-from periscopy_sim.live.pictures import Choice
 from periscopy_sim.live.session import LiveSession
 
-UPDATES, FULL = 5.0, 5.0
-"""Goals: pictures a second while dragging, and seconds from letting go to the full ones."""
-
-DRAGS, SECONDS = 3, 6.0
 PATIENCE = 120.0
 CHROMIUM = "chromium-headless-shell", "chromium", "chromium-browser"
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
@@ -35,40 +26,6 @@ COUNT = """() => {
         document.querySelector("#panels img"), {attributes: true, attributeFilter: ["src"]});
 }"""
 """Counts the pictures on the page, in its own language."""
-
-
-def live(_: Setting) -> Section:
-    """Drag the chair on the page, and count the pictures that come."""
-    scene, first, before = ps.load_scenario("chair", SMALL), Choice({}, "mushroom"), os.getloadavg()
-    with (
-        chromium() as browser,
-        LiveSession(scene, first, lambda _: "", lambda _: []) as session,
-        running(session),
-    ):
-        page = visit(session, browser)
-        _dragged(session, page)  # the browser compiles its shaders, and loops are compiled here
-        rates, waits = zip(*(_dragged(session, page) for _ in range(DRAGS)), strict=True)
-    rate, wait = float(np.median(rates)), float(np.median(waits))
-    return Section(
-        "live",
-        "The live laboratory, chair, 36 x 29 patches",
-        claims=[
-            Claim(
-                "coarse pictures shown while the chair is dragged",
-                f"at least {UPDATES:g} a second",
-                f"{rate:.1f} ({min(rates):.1f} to {max(rates):.1f})",
-                Verdict.of(rate >= UPDATES),
-                f"Medians of {DRAGS} drags of {SECONDS:g} s, browser and laboratory on "
-                f"{os.cpu_count()} cores; load average {before[0]:.1f} before it began.",
-            ),
-            Claim(
-                "from letting go to the full pictures",
-                f"at most {FULL:g} s",
-                f"{wait:.1f} s ({min(waits):.1f} to {max(waits):.1f})",
-                Verdict.of(wait <= FULL),
-            ),
-        ],
-    )
 
 
 @contextmanager
@@ -131,14 +88,3 @@ def drag(session: LiveSession, page: Any, name: str, seconds: float) -> None:
         time.sleep(0.02)
     page.mouse.move(*end)
     page.mouse.up()
-
-
-def _dragged(session: LiveSession, page: Any) -> tuple[float, float]:
-    """Return the pictures a second of a drag, and the seconds from its end to the full ones."""
-    page.evaluate(COUNT)
-    begun = time.monotonic()
-    drag(session, page, "chair", SECONDS)
-    released = time.monotonic()
-    rate = page.evaluate("window.pictures") / (released - begun)
-    page.get_by_text("full pictures").wait_for()
-    return rate, time.monotonic() - released

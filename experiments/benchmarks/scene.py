@@ -1,11 +1,10 @@
-"""What the benchmarks share: photographs of a scene, ratios of times as claims."""
+"""What the benchmarks share: photographs of a scene, and times in words."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiments.paper import fig7
 from experiments.paper.moving_scene import clip
-from experiments.report import Claim, Verdict
 from experiments.setting import FittedScene
 
 SMALL = (29, 36)
@@ -17,20 +16,6 @@ def photographs_of(scene: FittedScene, count: int) -> NDArray[np.float64]:
     background = (scene.B @ lights).reshape(*scene.scenario.photograph_shape, 3)
     (photographs,) = fig7.photographs_of(scene, [clip(scene.hidden, count)], background, (0,))
     return photographs
-
-
-def compare(
-    what: str, ours: float, theirs: float, goal: str = "", least: float = 0, how: str = ""
-) -> Claim:
-    """State how many times faster than another, and whether that is as asked, if it was."""
-    ratio = theirs / ours
-    return Claim(
-        what,
-        goal,
-        f"{ratio:.3g} times ({seconds_text(ours)} against {seconds_text(theirs)})",
-        Verdict.of(ratio >= least) if goal else Verdict.MEASURED,
-        how,
-    )
 
 
 def seconds_text(value: float) -> str:

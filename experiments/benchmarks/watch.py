@@ -1,15 +1,13 @@
 """How fast `periscopy watch` shows frames of 1080 x 1920 pixels, and in how much memory.
 
-`python -m experiments.benchmarks.watch --out DIR [--seconds 60] [--memory FILE]` writes
-`index.html`, `latencies.csv`, `memory.csv` and `watch_speed.png`, whose memory is that of FILE, an
-earlier `memory.csv`, if given. A function returns codes of 8 bits at 30 frames a second: the
-chair's wall, seen aslant, with noise. A reader takes the page's messages; then headless Chromium
-does, on the same cores. It needs what `live` needs, and psutil.
+`python -m experiments.benchmarks.watch --out DIR [--seconds 60]` writes `index.html` and
+`watch_speed.png`. A function returns codes of 8 bits at 30 frames a second: the chair's wall, seen
+aslant, with noise. A reader takes the page's messages; then headless Chromium does, on the same
+cores. It needs what `live` needs, and psutil.
 """
 
 from __future__ import annotations
 
-import csv
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -37,7 +35,6 @@ from periscopy_sim.live.frames import Companions, open_source
 from periscopy_sim.live.watch import WatchSession
 from periscopy_sim.numerics import Array
 from periscopy_sim.photographs.wall_view import fit_homography, project, wall_plane
-from periscopy_sim.storage.outputs import staged_file
 from periscopy_sim.storage.provenance import as_text, provenance
 from periscopy_sim.storage.rasters import srgb_bytes
 
@@ -50,9 +47,6 @@ WARM_UP = 5.0
 SIZE, CORNERS = (1080, 1920), ((430, 60), (1520, 110), (1470, 1010), (470, 960))
 """Of the frames, and columns and rows in them of the film's corners."""
 
-LATENCIES, MEMORY = ("seconds", "latency_ms"), ("seconds", "rss_mb")
-"""Columns of the tables, which begin when the measurement does."""
-
 SEEN = """() => {
     window.ages = [];
     new MutationObserver(() => requestAnimationFrame(() =>
@@ -62,11 +56,11 @@ SEEN = """() => {
 """Records the age of each picture when the browser draws it."""
 
 
-def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None) -> Section:
+def watch(setting: Setting, seconds: float = SECONDS) -> Section:
     """Watch the camera for some seconds by a reader, then by a browser; write what was measured."""
     scene, before = ps.load_scenario("chair", SMALL), os.getloadavg()
     pictures, points = frames_of(scene)
-    process, latencies, resident = psutil.Process(), list[Sequence[float]](), []
+    process, latencies, resident = psutil.Process(), list[float](), list[tuple[float, float]]()
     arrivals = list[float]()
 
     def record(_: Any, progress: Any) -> None:
@@ -75,7 +69,7 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
 
     def shown(*given: Any, **named: Any) -> None:
         show(*given, **named)
-        latencies.append((arrivals[-1], 1000 * (time.time() - arrivals[-1])))
+        latencies.append(1000 * (time.time() - arrivals[-1]))
 
     with (
         chromium() as browser,
@@ -96,26 +90,20 @@ def watch(setting: Setting, seconds: float = SECONDS, memory: Path | None = None
             while (now := time.time() - begun) < seconds:
                 resident.append((now, process.memory_info().rss / 2**20))
                 time.sleep(min(1.0, seconds))
-            spent, table = process.cpu_times(), np.array(latencies)
+            spent, shown_in = process.cpu_times(), np.array(latencies)
             dropped = session.dropped - dropped
         page = visit(session, browser)
         page.wait_for_timeout(1000 * WARM_UP)
         page.evaluate(SEEN)
         page.wait_for_timeout(1000 * SECONDS)
         ages = np.array(page.evaluate("window.ages"))
-    table[:, 0] -= begun
-    setting.out.mkdir(parents=True, exist_ok=True)
-    for name, header, rows in (
-        ("latencies.csv", LATENCIES, table), ("memory.csv", MEMORY, np.array(resident)),
-    ):  # fmt: skip
-        _write_table(setting.out / name, header, rows)
     picture = setting.out / "watch_speed.png"
+    picture.parent.mkdir(parents=True, exist_ok=True)
     command = ["python", "-m", "experiments.benchmarks.watch", f"--seconds={seconds:g}"]
-    command += [f"--memory={memory.name}"] if memory else []
-    draw(picture, table[:, 1], _read_memory(memory or setting.out / "memory.csv"), command)
-    middle, late = np.percentile(table[:, 1], [50, 95])
-    used = (spent.user + spent.system - cpu.user - cpu.system) / len(table)
-    rates, pixels = (len(table) / seconds, len(ages) / SECONDS), float(np.median(ages))
+    draw(picture, shown_in, np.array(resident), command)
+    middle, late = np.percentile(shown_in, [50, 95])
+    used = (spent.user + spent.system - cpu.user - cpu.system) / len(shown_in)
+    rates, pixels = (len(shown_in) / seconds, len(ages) / SECONDS), float(np.median(ages))
     return Section(
         "watch",
         "Frames of 1080 x 1920 pixels on the page, chair, 29 x 36 patches",
@@ -168,25 +156,6 @@ def draw(path: Path, latencies: Array, memory: Array, command: Sequence[str]) ->
         figure.legend(*handles, loc="outside upper left", ncols=2)
         right.plot(memory[:, 0] / 60, memory[:, 1], color=OKABE_ITO[0], linewidth=0.7)
         right.set(xlabel="time (min)", ylabel="memory (MB)", ylim=(0, 1.1 * memory[:, 1].max()))
-
-
-def _write_table(path: Path, header: Sequence[str], rows: Array) -> None:
-    with staged_file(path) as file, file.open("w", encoding="utf-8", newline="") as text:
-        writer = csv.writer(text)
-        writer.writerow(header)
-        writer.writerows([f"{value:.2f}" for value in row] for row in rows)
-
-
-def _read_memory(path: Path) -> Array:
-    """Return the table of memory, (n, 2); other columns of the file are left out."""
-    try:
-        with path.open(encoding="utf-8", newline="") as text:
-            rows = [[float(row[name]) for name in MEMORY] for row in csv.DictReader(text)]
-    except (OSError, KeyError, TypeError, ValueError):
-        rows = []
-    if not rows:
-        raise ps.PeriscopyError(f"{path}: no table of {' and '.join(MEMORY)}; give a memory.csv")
-    return np.array(rows)
 
 
 @contextmanager
@@ -247,13 +216,10 @@ def camera(frames: list[NDArray[np.uint8]]) -> Callable[[], NDArray[np.uint8]]:
 def main(
     out: Out,
     seconds: Annotated[float, typer.Option(min=1, help="Seconds to measure.")] = SECONDS,
-    memory: Annotated[Path | None, typer.Option(help="Draw the memory of this file.")] = None,
 ) -> None:
     """Measure how fast `periscopy watch` is, and draw it."""
     with one_line_errors():
-        if memory is not None:
-            _read_memory(memory)
-        section = watch(Setting(out), seconds, memory)
+        section = watch(Setting(out), seconds)
     write_page(out / "index.html", "Speed", [section], stated="asked")
     for claim in section.claims:
         print(f"{claim.what}: {claim.measured}. {claim.reason}")

@@ -1,4 +1,4 @@
-"""Stand-in laboratories, and what the package's commands make of them."""
+"""The stand-in laboratory of the tutorial."""
 
 from periscopy_sim.rendering.variant import choose_llvm
 

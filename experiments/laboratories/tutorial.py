@@ -14,9 +14,8 @@ from typing import Annotated
 
 import typer
 
-from experiments.laboratories.making import ruler
-from experiments.laboratories.making.laboratory import TUTORIAL
-from experiments.laboratories.making.render import make
+from experiments.laboratories.making import meshes, ruler
+from experiments.laboratories.making.render import SCENE, SEED, make
 
 SHIPPED = Path(__file__).parents[2] / "scenes" / "tutorial"
 GIVEN = ("photograph.tiff", "monitor_off.tiff", "points.csv", "poster.png")
@@ -58,12 +57,13 @@ def main(
 ) -> None:
     """Render the tutorial's laboratory and put its files where they are shipped."""
     with tempfile.TemporaryDirectory() as rendered:
-        folder = make(TUTORIAL, Path(rendered))
+        folder = Path(rendered)
+        make(folder)
         for name in (*GIVEN, *(f"truth/{name}" for name in TRUTH)):
             (out / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / name, out / name)
-    TUTORIAL.meshes["lamp"]().apply_scale(1000).export(out / "lamp.stl")
-    read = ruler.read_by_ruler(TUTORIAL.scene, 100 * TUTORIAL.seed)
+    meshes.lamp().apply_scale(1000).export(out / "lamp.stl")
+    read = ruler.read_by_ruler(SCENE, 100 * SEED)
     words = {
         name: f"{value:g} deg" if name.endswith("turn") else f"{100 * value:g} cm"
         for name, value in read.items()

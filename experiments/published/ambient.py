@@ -132,9 +132,7 @@ def _light_table(name: str, scene: FittedScene, lights: dict[str, Capture]) -> T
                 own,
                 f"{capture.photograph.mean():.4g}",
                 f"{100 * outside(Q, *capture.halves)[-1]:.3f}",
-                " ".join(
-                    f"{alike(capture, lights[other]):.2f}" for other in lights if other != own
-                ),
+                others(own),
             )
             for own, capture in lights.items()
         ],

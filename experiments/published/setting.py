@@ -32,6 +32,9 @@ REPEATS, BLOCKS = f"{COLLECTION}chair-repeats", f"{COLLECTION}chair-blocks"
 PLATE = f"{COLLECTION}plate"
 VIDEOS = f"{COLLECTION}plate-video", f"{COLLECTION}plate-video-mushroom"
 
+HIDDEN = (29, 36)
+"""(R, C) of the hidden image."""
+
 
 @dataclass(frozen=True, eq=False)
 class Capture:
@@ -69,10 +72,6 @@ class PublishedSetting:
         The data set as its owners lay it out, or a folder whose folder ``Data`` is that.
     scenes
         Files of scenes in place of the shipped ones, by the names of sets.
-    hidden
-        (R, C) of the hidden image.
-    photograph
-        (rows, columns) that captures are averaged to; None for each scene's film.
 
     Raises
     ------
@@ -82,19 +81,10 @@ class PublishedSetting:
 
     seed = 0
 
-    def __init__(
-        self,
-        out: Path,
-        data: Path,
-        scenes: Mapping[str, str] | None = None,
-        hidden: tuple[int, int] = (29, 36),
-        photograph: tuple[int, int] | None = None,
-    ) -> None:
+    def __init__(self, out: Path, data: Path, scenes: Mapping[str, str]) -> None:
         self.out = out
-        self.hidden = hidden
-        self.photograph = photograph
         self.sets = sets_of_captures()
-        self.scenes = {name: ps.find_scene(scene) for name, scene in (scenes or {}).items()}
+        self.scenes = {name: ps.find_scene(scene) for name, scene in scenes.items()}
         if strange := self.scenes.keys() - self.sets:
             known = ", ".join(self.sets)
             raise ps.PeriscopyError(f"no set '{strange.pop()}' has a scene; there are {known}")
@@ -112,12 +102,11 @@ class PublishedSetting:
         self._fitted: tuple[str, FittedScene] | None = None
 
     def identity(self) -> bytes:
-        """Return names, sizes and times of all files, sizes and scenes, which tell inputs apart."""
+        """Return names, sizes and times of all files, and scenes, which tell inputs apart."""
         stats = [(file, file.stat()) for file in sorted(self.root.rglob("*.mat"))]
         files = [f"{file} {stat.st_size} {stat.st_mtime_ns}" for file, stat in stats]
         given = [scene.read_text("utf-8") for scene in self.scenes.values()]
-        sizes = str((self.hidden, self.photograph, *self.scenes))
-        return "\n".join([sizes, *files, *given]).encode()
+        return "\n".join([*self.scenes, *files, *given]).encode()
 
     def fitted(self, name: str) -> FittedScene:
         """Return the scene of a set; only the latest one is kept."""
@@ -131,7 +120,7 @@ class PublishedSetting:
         scene, values = self.sets[name].scene, self.sets[name].parameters
         if name in self.scenes:
             scene, values = str(self.scenes[name]), {}
-        return FittedScene(scene, self.hidden, self.seed, values, self.photograph)
+        return FittedScene(scene, HIDDEN, self.seed, values)
 
     def captures(self, name: str, *patterns: str) -> list[Capture]:
         """Return those captures of a set that fit a pattern, or all, by number, and can be read."""
@@ -141,11 +130,11 @@ class PublishedSetting:
             if not patterns or any(fnmatch(file, f"{pattern}.mat") for pattern in patterns)
         ]
         files.sort(key=lambda file: ([int(number) for number in re.findall(r"\d+", file)], file))
-        shape = self.photograph or self.scene(name).scenario.photograph_shape
+        shape = self.scene(name).scenario.photograph_shape
         found = []
         for file in files:
             try:
-                found.append(read_capture(self.root / file, shape, self.hidden))
+                found.append(read_capture(self.root / file, shape, HIDDEN))
             except PhotographError as error:
                 self.problems[file] = str(error).removeprefix(f"{self.root / file}: ")
         return found

@@ -147,40 +147,28 @@ class Likelihood:
         signals = self.energies[:, 1:].sum(axis=1) / self.counts[1:].sum()
         ratio = np.mean(signals / self.energies[:, 0]) * self.counts[0]
         start = np.log([ratio + TINY, WIDE**2, WIDE**2])
-        best = optimize.minimize(
-            lambda x: self.cost(x)[:2],
-            start,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=np.stack([start - SPAN, start + SPAN], axis=1),
-            options={"ftol": ENOUGH},
-        )
-        return self.cost(best.x)[2]
+        bounds = np.stack([start - SPAN, start + SPAN], axis=1)
+        settings: Any = {"bounds": bounds, "options": {"ftol": ENOUGH}}
+        best = optimize.minimize(lambda x: self.cost(x)[0], start, method="L-BFGS-B", **settings)
+        return self.cost(best.x)[1]
 
-    def cost(self, x: Array) -> tuple[float, Array, Array]:
-        """Return minus twice the log likelihood but for a constant, its slopes, and E[o | y⊥].
+    def cost(self, x: Array) -> tuple[float, Array]:
+        """Return minus twice the log likelihood but for a constant, and E[o | y⊥].
 
         x has the logarithms of τ, the variance over σ² of a coordinate whose signal is 1, and of v
         down the wall and across it. The σ are the most likely ones.
         """
         τ, *v = np.exp(x)
         prior, D = np.array(v)[self.direction], τ * self.signals + 1
-        root, slope = np.sqrt(prior), τ * self.signals / D**2  # of -1/D along x[0]
-        precision, change = np.tensordot([1 / D, slope], self.products, 1)
+        root = np.sqrt(prior)
+        precision = np.tensordot(1 / D, self.products, 1)
         factor = linalg.cho_factor(np.eye(len(root)) + root[:, None] * precision * root)
-        inverse = linalg.cho_solve(factor, np.eye(len(root)))
-        Σ = root[:, None] * inverse * root
         data = (1 / D) @ self.common
-        o = data @ Σ
+        o = root * linalg.cho_solve(factor, (root * data).T).T
         energy = self.energies @ (1 / D) - np.sum(data * o, axis=1)
-        weight = self.counts.sum() / energy  # 1/σ²
         value = self.counts.sum() * np.sum(np.log(energy))
         shared = self.counts @ np.log(D) + 2 * np.sum(np.log(np.diag(factor[0])))
-        e = self.energies @ slope + np.sum(o * (o @ change - 2 * (slope @ self.common)), axis=1)
-        by_τ = len(o) * (self.counts @ (slope * D) - np.sum(Σ * change)) - weight @ e
-        by_prior = len(o) * (1 - np.diag(inverse)) - weight @ o**2 / prior
-        slopes = [by_τ, *(by_prior[self.direction == k].sum() for k in (0, 1))]
-        return float(value + len(o) * shared), np.array(slopes), o
+        return float(value + len(o) * shared), np.asarray(o)
 
 
 def cosines(size: int) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from periscopy_sim.errors import PhotographError
 from periscopy_sim.numerics import Array, Mask
 from periscopy_sim.photographs import develop, wall_view
-from periscopy_sim.photographs.resampling import AreaMap, Flaw, block_corners
+from periscopy_sim.photographs.resampling import DEFECTIVE, EXCLUDED, AreaMap, block_corners
 from periscopy_sim.view import Geometry
 
 PAPER_SIDE = 1.5
@@ -128,8 +128,6 @@ class Prepared:
         (rows, columns, 3) float64, linear light; NaN outside the mask.
     mask
         (rows, columns) bool, True where the photograph measures the wall.
-    flaws
-        (rows, columns) uint8, the `Flaw`s of each pixel: why the mask excludes it.
     defects
         Single dead or hot pixels of the photograph that the averages leave out.
     coverage
@@ -145,7 +143,6 @@ class Prepared:
 
     values: Array = field(repr=False)
     mask: Mask = field(repr=False)
-    flaws: NDArray[np.uint8] = field(repr=False)
     defects: int
     coverage: float
     view: wall_view.FittedView | None
@@ -172,8 +169,6 @@ class FilmPixels:
     ----------
     mask
         (rows, columns) bool, True where the film's pixels measure the wall.
-    flaws
-        (rows, columns) uint8, the `Flaw`s of the film's pixels, but for saturation.
     defects, warnings
         As of `Prepared`.
     film
@@ -214,17 +209,15 @@ class FilmPixels:
         found = develop.defective_pixels(light.values, on_photograph)
         single = (found.dead | found.hot) & ~light.saturated
         self.defects = int(np.count_nonzero(single))
-        flaws = np.uint8(Flaw.DEFECTIVE) * single
+        states = np.uint8(DEFECTIVE) * single
         if on_photograph is not None:
-            flaws |= np.uint8(Flaw.MASKED) * ~on_photograph
+            states[~on_photograph] = EXCLUDED
         corners = self.film.corners if self.film else block_corners(light.size, shape)
         covered = float(np.prod(light.size) / np.prod(shape))
         self.coverage = self.film.coverage if self.film else covered
-        self._areas = AreaMap(flaws, corners)
-        self.flaws = self._areas.kinds | np.uint8(Flaw.MASKED) * ~on_film
-        if self.film:
-            self.flaws |= np.uint8(Flaw.TAG) * self.film.beneath_tags()
-        self.mask = _measuring((self.flaws & ~np.uint8(Flaw.DEFECTIVE)) == 0)
+        self._areas = AreaMap(states, corners)
+        beneath = self.film.beneath_tags() if self.film else False
+        self.mask = _measuring(self._areas.usable & on_film & ~np.asarray(beneath))
 
     def average(
         self, values: NDArray[Any], table: NDArray[np.float32] | None = None
@@ -292,7 +285,6 @@ def prepare(
     return Prepared(
         values=np.where(used[..., np.newaxis], values, np.nan),
         mask=used,
-        flaws=pixels.flaws | np.uint8(Flaw.SATURATED) * full,
         defects=pixels.defects,
         coverage=pixels.coverage,
         view=film.view if film else None,

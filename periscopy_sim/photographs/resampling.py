@@ -5,13 +5,12 @@ borders. A new pixel that any saturated or masked pixel enters is not used; aver
 single defective pixels.
 """
 
-from enum import IntFlag
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from periscopy_sim.numerics import Array, machine
+from periscopy_sim.numerics import Array, Mask, machine
 from periscopy_sim.numerics.products import compiled, compiled_reordered
 
 SLIVER = 1e-6
@@ -25,19 +24,9 @@ LEAST_MEASURED = 0.5
 """Fraction of a new pixel's area that sound pixels must cover."""
 
 
-class Flaw(IntFlag):
-    """Why a pixel does not measure the wall's light."""
-
-    SATURATED = 1
-    MASKED = 2
-    DEFECTIVE = 4
-    """A dead or hot pixel; a new pixel with one is used."""
-    OUTSIDE = 8
-    """A new pixel that reaches out of the photograph."""
-    TAG = 16
-    """A new pixel beneath a tag's paper."""
-    SPARSE = 32
-    """A new pixel of which sound pixels cover less than `LEAST_MEASURED`."""
+DEFECTIVE, EXCLUDED = 1, 2
+"""States of a photograph's pixel that is not sound, 0: averages leave out the first; no new pixel
+that the second enters is used."""
 
 
 def block_corners(size: tuple[int, int], shape: tuple[int, int]) -> Array:
@@ -50,20 +39,22 @@ class AreaMap:
     """Quadrilaterals over which images of one size are averaged, pixels weighted by area in them.
 
     The areas are exact: every pixel clips each quadrilateral that it meets. The images' pixels have
-    `flaws`, (height, width) uint8 of `Flaw`. `corners`, (rows + 1, columns + 1, 2), are columns and
-    rows in the images of the new pixels' corners; an image's first pixel reaches from 0 to 1. Each
-    new pixel has a box of weights: the fractions of its sound area that the images' pixels cover.
+    `states`, (height, width) uint8: `DEFECTIVE`, `EXCLUDED` or 0. `corners`, (rows + 1, columns +
+    1, 2), are columns and rows in the images of the new pixels' corners; an image's first pixel
+    reaches from 0 to 1. Each new pixel has a box of weights: the fractions of its sound area that
+    the images' pixels cover.
 
     Attributes
     ----------
-    kinds
-        (rows, columns) uint8, the flaws within each new pixel and its own.
+    usable
+        (rows, columns) bool, new pixels within the images, without an excluded pixel, and of which
+        sound pixels cover `LEAST_MEASURED`.
     """
 
-    def __init__(self, flaws: NDArray[np.uint8], corners: Array) -> None:
+    def __init__(self, states: NDArray[np.uint8], corners: Array) -> None:
         corners = np.ascontiguousarray(corners, dtype=np.float64)
         quads = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]])
-        most = np.array(flaws.shape[::-1])
+        most = np.array(states.shape[::-1])
         low, high = (np.clip(each, 0, most) for each in (quads.min(axis=0), quads.max(axis=0)))
         self._boxes = np.concatenate([np.floor(low), np.ceil(high)], axis=-1).astype(np.int64)
         sides = self._boxes[..., 2:] - self._boxes[..., :2]
@@ -71,15 +62,15 @@ class AreaMap:
         shape = sides.shape[:2]
         self._starts: NDArray[np.intp] = np.append(0, ends[:-1]).reshape(shape)
         self._weights = np.zeros(ends[-1], np.float32)
-        self.kinds, covered = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
+        excluded, covered = np.zeros(shape, bool), np.zeros((*shape, 2))
 
         def weigh(part: tuple[int, int]) -> None:
             boxes = self._boxes, self._starts, self._weights
-            _weigh_rows(flaws, corners, part[0], part[1], *boxes, self.kinds, covered)
+            _weigh_rows(states, corners, part[0], part[1], *boxes, excluded, covered)
 
         machine.in_parallel(weigh, machine.ranges(shape[0]))
-        self.kinds |= np.uint8(Flaw.OUTSIDE) * (covered[..., 0] < 1 - SLIVER)
-        self.kinds |= np.uint8(Flaw.SPARSE) * (covered[..., 1] < LEAST_MEASURED)
+        least = [1 - SLIVER, LEAST_MEASURED]
+        self.usable: Mask = ~excluded & (covered >= least).all(axis=2)
 
     def average(
         self, image: NDArray[Any], table: NDArray[np.float32] | None = None
@@ -91,34 +82,34 @@ class AreaMap:
         ones may be, the average is infinite; where there is no sound pixel, 0.
         """
         dtype: Any = np.float64 if table is None else np.float32
-        values = np.empty((*self.kinds.shape, image.shape[2]), dtype)
+        values = np.empty((*self.usable.shape, image.shape[2]), dtype)
         image = np.ascontiguousarray(image)
 
         def average(part: tuple[int, int]) -> None:
             boxes = self._boxes, self._starts, self._weights
             _average_rows(image, table, part[0], part[1], *boxes, values)
 
-        machine.in_parallel(average, machine.ranges(len(self.kinds)))
+        machine.in_parallel(average, machine.ranges(len(self.usable)))
         return values
 
 
 @compiled
 def _weigh_rows(
-    flaws: NDArray[np.uint8],
+    states: NDArray[np.uint8],
     corners: Array,
     start: int,
     stop: int,
     boxes: NDArray[np.int64],
     starts: NDArray[np.int64],
     weights: NDArray[np.float32],
-    kinds: NDArray[np.uint8],
+    excluded: Mask,
     covered: Array,
 ) -> None:
     """Fill the boxes of the new pixels in rows from start to stop, which hold zeros.
 
-    `kinds` gets the flaws of all pixels within them, `covered` the fractions of their areas that
-    all pixels and that sound ones cover. The strip of a new pixel within a row of pixels is cut
-    once, and each of its pixels out of the strip.
+    `excluded` gets whether an excluded pixel is within them, `covered` the fractions of their areas
+    that all pixels and that sound ones cover. The strip of a new pixel within a row of pixels is
+    cut once, and each of its pixels out of the strip.
     """
     quad, (spare, strip, cell) = np.empty((4, 2)), np.empty((3, MOST_CORNERS, 2))
     for i in range(start, stop):
@@ -137,10 +128,10 @@ def _weigh_rows(
                     sides = _clip(spare, sides, 0, column + 1.0, -1.0, cell)
                     area = _area(cell, sides)
                     inside += area
-                    if area <= SLIVER * whole:  # a flaw that rounding alone lets in
+                    if area <= SLIVER * whole:  # a pixel that rounding alone lets in
                         continue
-                    kinds[i, j] |= flaws[row, column]
-                    if flaws[row, column] == 0:
+                    excluded[i, j] |= states[row, column] == EXCLUDED
+                    if states[row, column] == 0:
                         weights[k + column - left] = area
                         sound += area
                 k += right - left

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import optimize
 
 import periscopy_sim as ps
 from periscopy_sim.model.ambient_lines import AmbientLines, cosines
@@ -48,13 +47,11 @@ def test_likelihood_and_lines_are_those_of_dense_matrices(masked):
     Σ = τ * signals * light @ light.T + E.T @ L @ V @ L.T @ E + np.eye(len(light))
     data = E.T @ photograph.y.T
     weighted = np.linalg.solve(Σ, data)
-    value, slopes, o = likelihood.cost(x)
+    value, o = likelihood.cost(x)
     dense = 3 * np.linalg.slogdet(Σ)[1]
     dense += len(data) * np.sum(np.log(np.sum(data * weighted, axis=0)))
     assert value == pytest.approx(dense, rel=1e-5)
     np.testing.assert_allclose(o, (V @ L.T @ E @ weighted).T, rtol=1e-3, atol=1e-6)
-    numeric = optimize.approx_fprime(x, lambda z: likelihood.cost(z)[0], 1e-5)
-    np.testing.assert_allclose(slopes, numeric, rtol=1e-3, atol=0.05)
 
 
 @pytest.fixture(scope="module")

@@ -4,19 +4,8 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.evaluation.sweep import Sweep, World, run_sweep
 
 IMAGE, WALL = np.ones((3, 4, 3)), np.ones((16, 16, 3))
-
-
-class Mine:
-    def reconstruct(self, _photograph):
-        return IMAGE
-
-
-def world(**changes):
-    parts = {"signals": {"p": WALL}, "truths": {"p": IMAGE}, "backgrounds": {"b": WALL}}
-    return World(**{**parts, "methods": {"mine": Mine()}, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -44,19 +33,6 @@ def test_photographs_name_what_is_no_number_or_no_image(scene):
         (lambda _: ps.add_noise("y.npy", 60, 0), "photograph"),
         (lambda _: ps.composite(WALL, WALL, "1"), "sbr"),
         (lambda _: ps.composite(WALL, ps.Background(WALL, 0, 0), 1), "background"),
-        (lambda _: Sweep(world(), 1), "sbrs"),
-        (lambda _: Sweep(world(), ["1"]), "sbrs"),
-        (lambda _: Sweep(world(), [1], "60"), "snrs"),
-        (lambda _: Sweep(world(), [1], seeds=3), "seeds"),
-        (lambda _: Sweep(world(), [1], seed="x"), "seed"),
-        (lambda _: Sweep(world(), [1], vary={"dx": 1}), "dx"),
-        (lambda _: Sweep("chair", [1]), "world"),
-        (lambda _: run_sweep(world(), "out"), "sweep"),
-        (lambda _: world(methods="noise-aware"), "methods"),
-        (lambda _: world(methods={"noise-aware": "noise-aware"}), "noise-aware"),
-        (lambda _: world(methods={"mine": ps.NoiseAware}), "mine"),
-        (lambda _: world(truths={"p": "mushroom"}), "'p'"),
-        (lambda _: world(signals=WALL), "signals"),
         (lambda _: ps.transport("chair"), "scene"),
         (lambda scene: ps.transport(scene, by="area"), "by"),
         (lambda scene: ps.transport(scene, noise="x"), "noise"),
@@ -80,4 +56,3 @@ def test_a_value_of_the_wrong_kind_is_one_error_by_name(scene, call, name):
 def test_numbers_of_numpy_are_numbers():
     same = ps.add_noise(WALL, np.float32(60), np.int64(3))
     np.testing.assert_allclose(same, ps.add_noise(WALL, np.array(60), 3), rtol=1e-12)
-    assert Sweep(world(), np.array([0.5, np.inf]), range(40, 60, 10), np.arange(2)).axes["seed"]

@@ -1,1 +1,1 @@
-"""Stand-in laboratories, by plain Mitsuba and Dr.Jit: nothing of the package renders them."""
+"""The laboratory, by plain Mitsuba and Dr.Jit: nothing of the package renders them."""

@@ -18,8 +18,6 @@ class Camera:
     ----------
     vignetting
         Part of the light that the picture's corners lose.
-    distortion
-        Radial: a pixel at a distance r shows what an ideal camera shows at r (1 + distortion r²).
     sensitivity
         (3,) of the channels.
     black, white
@@ -31,16 +29,11 @@ class Camera:
     """
 
     vignetting: float = 0.27
-    distortion: float = 0.0
     sensitivity: tuple[float, float, float] = (0.62, 1.0, 0.71)
     black: int = 512
     white: int = 16383
     exposure: float = 0.8
     read_noise: float = 3.0
-
-    def ideal(self, positions: Array) -> Array:
-        """Return where an ideal camera sees what this one sees at (n, 2) positions."""
-        return positions * (1 + self.distortion * (positions**2).sum(axis=1, keepdims=True))
 
     def lens(self, positions: Array) -> Array:
         """Return the part of the light that the lens lets through at (n, 2) positions."""

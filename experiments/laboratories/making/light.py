@@ -20,7 +20,7 @@ OFFSET = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A flat source of light: what it shows, and how that falls off with the angle.
+    """A flat source of light, and what it shows.
 
     Attributes
     ----------
@@ -28,9 +28,7 @@ class Source:
         (3,) the lower left corner as a viewer sees it, the edges to his right and up, metres, and
         the unit normal towards him.
     radiance
-        (rows, columns, 3) along the normal, row 0 at the top.
-    exponents
-        Of the cosines of the vertical and of the horizontal angle.
+        (rows, columns, 3), row 0 at the top.
     """
 
     corner: Array
@@ -38,7 +36,6 @@ class Source:
     up: Array
     normal: Array
     radiance: Array
-    exponents: tuple[float, float] = (0.0, 0.0)
 
     @property
     def area(self) -> float:
@@ -60,22 +57,17 @@ class Source:
         row = rows - 1 - dr.minimum(mi.UInt32(v * rows), rows - 1)
         column = dr.minimum(mi.UInt32(u * columns), columns - 1)
         radiance = dr.gather(mi.Color3f, table, row * columns + column)
-        for axis, exponent in zip((self.up, self.across), self.exponents, strict=True):
-            if exponent:
-                along = dr.dot(direction, _vector(axis / np.linalg.norm(axis)))
-                cosine_angle = cosine / dr.maximum(dr.sqrt(cosine**2 + along**2), 1e-12)
-                radiance *= dr.power(cosine_angle, exponent)
         return direction, distance, cosine, radiance
 
 
-def source_of(shape: Any, radiance: Array, exponents: tuple[float, float] = (0, 0)) -> Source:
+def source_of(shape: Any, radiance: Array) -> Source:
     """Return a source in the place of a Mitsuba rectangle, whose v runs up."""
     corner, right, top = (
         np.array(shape.eval_parameterization(mi.Point2f(u, v)).p).ravel().astype(float)
         for u, v in ((0, 0), (1, 0), (0, 1))
     )
     normal = np.array(shape.eval_parameterization(mi.Point2f(0.5, 0.5)).n).ravel().astype(float)
-    return Source(corner, right - corner, top - corner, normal, radiance, exponents)
+    return Source(corner, right - corner, top - corner, normal, radiance)
 
 
 def direct_irradiance(

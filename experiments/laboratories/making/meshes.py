@@ -1,4 +1,4 @@
-"""Occluders of the stand-in laboratories, as closed meshes (metres, z up)."""
+"""The laboratory's occluder, as a closed mesh (metres, z up)."""
 
 from typing import Any
 
@@ -20,55 +20,6 @@ def lamp() -> Mesh:
         _tube((0.073, 0, 0.357), (0.13, 0, 0.26), 0.018, 0.058),
     ]
     return trimesh.util.concatenate(parts)
-
-
-def plate() -> Mesh:
-    """Return a plate, 90 x 80 x 2 mm, on a stick of 6 mm; the origin is the plate's middle."""
-    return _boxes(
-        [
-            ((-0.045, 0.045), (-0.001, 0.001), (-0.04, 0.04)),
-            ((-0.003, 0.003), (-0.002, 0.0005), (-0.287, -0.039)),
-        ]
-    )
-
-
-def shelf() -> Mesh:
-    """Return a board across y with openings and two legs; the origin is its lower edge's middle."""
-    thick = (-0.006, 0.006)
-    bars = [
-        ((-0.085, 0.085), (0.0, 0.014)),
-        ((-0.085, 0.085), (0.128, 0.14)),
-        ((-0.085, -0.073), (0.013, 0.129)),
-        ((0.071, 0.085), (0.013, 0.129)),
-        ((-0.022, -0.010), (0.013, 0.129)),
-        ((-0.011, 0.072), (0.058, 0.072)),
-        ((-0.074, -0.021), (0.090, 0.098)),
-        ((0.028, 0.072), (0.071, 0.129)),
-        ((-0.08, -0.065), (-0.38, 0.001)),
-        ((0.06, 0.075), (-0.38, 0.001)),
-    ]
-    return _boxes([(thick, y, z) for y, z in bars])
-
-
-def bottle() -> Mesh:
-    """Return a bottle and, beside it, a can; the origin is the bottle's foot."""
-    import trimesh
-
-    parts = [
-        _tube((0, 0, 0), (0, 0, 0.165), 0.036, 0.036),
-        _tube((0, 0, 0.164), (0, 0, 0.215), 0.0355, 0.014),
-        _tube((0, 0, 0.214), (0, 0, 0.285), 0.0138, 0.012),
-        _tube((0.085, 0.012, 0), (0.085, 0.012, 0.125), 0.033, 0.033),
-    ]
-    return trimesh.util.concatenate(parts)
-
-
-def _boxes(extents: list[Any]) -> Mesh:
-    """Return boxes over three intervals each."""
-    import trimesh
-
-    boxes = [trimesh.creation.box(bounds=np.transpose(extent)) for extent in extents]
-    return trimesh.util.concatenate(boxes)
 
 
 def _tube(start: Any, end: Any, first: float, last: float, sections: int = 32) -> Mesh:

@@ -25,8 +25,6 @@ class Paint:
     seam
         Where the seam runs, metres from the centre of the view along the wall's own across axis,
         how wide it is and its share.
-    dirt
-        Share of soft spots some centimetres wide.
     seed
         Of the draw.
     """
@@ -34,7 +32,6 @@ class Paint:
     grain: tuple[float, float] = (0.006, 0.003)
     passes: tuple[float, float] = (0.18, 0.5)
     seam: tuple[float, float, float] = (0.08, 0.008, 0.6)
-    dirt: float = 0.0
     seed: int = 0
 
     def at(self, places: Array) -> Array:
@@ -52,7 +49,6 @@ class Paint:
         place, thickness, share = self.seam
         wobble = 0.004 * _field(rng, (rows, 1), (0.06, 1))
         field -= share * 5 * np.exp(-(((across - place - wobble) / thickness) ** 2) / 2)
-        field += self.dirt * _field(rng, (rows, columns), (0.03, 0.03))
         index = (places - low) / GRID
         values: Array = map_coordinates(field, index[:, ::-1].T, order=1, mode="nearest")
         return values

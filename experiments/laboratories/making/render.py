@@ -1,11 +1,10 @@
-"""Photograph a stand-in laboratory, and keep the truth apart.
+"""Photograph the tutorial's laboratory, and keep the truth apart.
 
 Straight light by stratified shadow rays from every pixel; what bounces, up to six times, by path
-tracing. Paint and posters multiply what the wall reflects. They do so for light that bounces off
+tracing. Paint and poster multiply what the wall reflects. They do so for light that bounces off
 the wall a second time as if it were even.
 """
 
-import hashlib
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,33 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from experiments.laboratories.making import bounces, light
-from experiments.laboratories.making.laboratory import SCENES, Laboratory
+from experiments.laboratories.making import bounces, light, meshes
+from experiments.laboratories.making.camera import Camera
+from experiments.laboratories.making.paint import Paint, Poster
 from experiments.laboratories.making.wall import Seen, pixel_centres, seen_by
 
 Array = NDArray[np.float64]
 
 VARIANT = "llvm_ad_rgb"
-IMAGES = Path(__file__).parents[3] / "scenes" / "images"
+SCENE, ROOM = (
+    (Path(__file__).parents[1] / "scenes" / f"{name}.xml").read_text("utf-8")
+    for name in ("scene", "room")
+)
+"""The scene file with the true places, the ruler's errors and the camera's film; what else there
+is."""
+
+PICTURE = Path(__file__).parents[3] / "scenes" / "images" / "mushroom.png"
+HIDDEN = 15, 20
+"""Patches of the monitor: rows, columns."""
+BLOCK = 4
+"""Pixels of the photograph for each pixel of the scene's film, along each side."""
+PAINT, POSTER = Paint(seed=5), Poster(0.24, 0.40, 0.04, 0.22, seed=7)
+CAMERA = Camera(vignetting=0.15, sensitivity=(0.7, 1.0, 0.7))
+SBR = 0.4
+"""Mean of the monitor's light over that of all other."""
+POINTS = 3, 4
+"""Points of the wall that are measured: down and across."""
+SEED = 5
 BOUNCES = 6
 MONITOR_RAYS = 2
 """Shadow rays of each patch, along each of its sides."""
@@ -38,29 +56,31 @@ UNEVENNESS = 0.004
 
 
 class World:
-    """A laboratory as Mitsuba loads it, with its true values.
+    """The laboratory as Mitsuba loads it, with its true values.
 
     Parameters
     ----------
-    laboratory
-        The laboratory.
     folder
-        Where its meshes are.
+        Where its mesh is to be.
     film
         (rows, columns) of the scene's film; None for the scene file's own.
+    block
+        As `BLOCK`.
     """
 
     def __init__(
-        self, laboratory: Laboratory, folder: Path, film: tuple[int, int] | None = None
+        self, folder: Path, film: tuple[int, int] | None = None, block: int = BLOCK
     ) -> None:
         mi.set_variant(VARIANT)
-        self.laboratory = laboratory
+        (folder / "meshes").mkdir(parents=True, exist_ok=True)
+        meshes.lamp().export(folder / "meshes" / "lamp.ply")
         file = folder / "room.xml"
-        file.write_text(laboratory.room, "utf-8")
+        file.write_text(furnished(), "utf-8")
         size = {} if film is None else {"height": film[0], "width": film[1]}
         self.scene = mi.load_file(str(file), **size)
         columns, rows = (int(n) for n in self.scene.sensors()[0].film().size())
-        self.size = (rows * laboratory.block, columns * laboratory.block)
+        self.size = (rows * block, columns * block)
+        self.block = block
         self.shapes: dict[str, Any] = {shape.id(): shape for shape in self.scene.shapes()}
         values = mi.traverse(self.shapes["wall"])["bsdf.reflectance.value"]
         self.reflectance = np.array(values, float).ravel()
@@ -68,10 +88,10 @@ class World:
     @cached_property
     def hidden(self) -> Array:
         """(R, C, 3) what the monitor shows, of 8 bits as a PNG holds it."""
-        pixels = np.asarray(Image.open(IMAGES / f"{self.laboratory.hidden_image}.png"), float) / 255
+        pixels = np.asarray(Image.open(PICTURE), float) / 255
         down, across = (
             _coverage(number, length)
-            for number, length in zip(self.laboratory.hidden, pixels.shape[:2], strict=True)
+            for number, length in zip(HIDDEN, pixels.shape[:2], strict=True)
         )
         shown = np.einsum("ai,bj,ijc->abc", down, across, decoded(pixels))
         return decoded(np.rint(255 * encoded(shown)) / 255)
@@ -83,7 +103,7 @@ class World:
 
     def seen(self, pixels: Array) -> Seen:
         """Return what pixels of the photograph see of the wall."""
-        return seen_by(self.scene, self.laboratory.camera, pixels, self.size)
+        return seen_by(self.scene, pixels, self.size)
 
     @cached_property
     def centres(self) -> Seen:
@@ -94,20 +114,19 @@ class World:
         """Render what the wall sends to the camera if it reflects all, before paint and lens.
 
         The light of the ``monitor`` and that of the ``room``, (rows, columns, 3), are in the
-        laboratory's ratio.
+        ratio `SBR`.
         """
-        laboratory, seed = self.laboratory, self.laboratory.seed
-        jitter = np.random.default_rng(seed).uniform(-0.5, 0.5, (np.prod(self.size), 2))
+        jitter = np.random.default_rng(SEED).uniform(-0.5, 0.5, (np.prod(self.size), 2))
         seen = self.seen(pixel_centres(self.size) + jitter)
         points = mi.Point3f(seen.points.T.astype(np.float32))
         normal = mi.Vector3f(*seen.normal.tolist())
-        monitor = light.source_of(self.shapes["monitor"], self.hidden, laboratory.exponents)
+        monitor = light.source_of(self.shapes["monitor"], self.hidden)
 
         def straight(source: light.Source, strata: tuple[int, int], number: int) -> Array:
             return light.direct_irradiance(self.scene, points, normal, source, strata, number)
 
-        down, across = (MONITOR_RAYS * number for number in laboratory.hidden)
-        direct = [straight(monitor, (down, across), 11 + seed)]
+        down, across = (MONITOR_RAYS * number for number in HIDDEN)
+        direct = [straight(monitor, (down, across), 11 + SEED)]
         direct.append(
             sum(
                 straight(source, (LIGHT_RAYS, LIGHT_RAYS), 101 + index)
@@ -123,87 +142,75 @@ class World:
             [[monitor], self.lights],
             bounces=BOUNCES,
             samples=PATHS,
-            seed=seed,
+            seed=SEED,
         )
         totals = []
         for first, rest in zip(direct, bounced, strict=True):
             smooth = bounces.interpolated(coarse.positions, rest, seen.positions, DEGREE)
             totals.append((first / np.pi + smooth).reshape(*self.size, 3))
         signal, background = ((self.reflectance * each).mean() for each in totals)
-        return {"monitor": totals[0], "room": totals[1] * (signal / background / laboratory.sbr)}
+        return {"monitor": totals[0], "room": totals[1] * (signal / background / SBR)}
 
-    def wall(self, unevenness: float) -> Array:
-        """Return the wall's reflectance, (rows, columns, 3), with paint of a root mean square."""
-        laboratory, places = self.laboratory, self.centres.places
-        paint = laboratory.paint.at(places).reshape(*self.size, 1)
-        poster = np.zeros(len(places), bool)
-        if laboratory.poster:
-            poster = laboratory.poster.covers(places)
-        on_film = averaged(paint, laboratory.block)
-        clear = averaged(poster.reshape(*self.size, 1).astype(float), laboratory.block) == 0
-        paint = unevenness * (paint - on_film[clear].mean()) / on_film[clear].std()
+    def wall(self) -> Array:
+        """Return the wall's reflectance, (rows, columns, 3)."""
+        places = self.centres.places
+        paint = PAINT.at(places).reshape(*self.size, 1)
+        poster = POSTER.covers(places)
+        on_film = averaged(paint, self.block)
+        clear = averaged(poster.reshape(*self.size, 1).astype(float), self.block) == 0
+        paint = UNEVENNESS * (paint - on_film[clear].mean()) / on_film[clear].std()
         reflectance = (self.reflectance * (1 + paint)).reshape(-1, 3)
-        if laboratory.poster:
-            reflectance[poster] = laboratory.poster.reflectance(places[poster])
+        reflectance[poster] = POSTER.reflectance(places[poster])
         return reflectance.reshape(*self.size, 3)
 
 
-def make(laboratory: Laboratory, out: Path) -> Path:
-    """Render a laboratory into a folder of its name, unless the same is there; return the folder.
+def furnished() -> str:
+    """Return the text of the scene with all that stands around, as Mitsuba alone reads it."""
+    around = ROOM.partition('<scene version="3.0.0">')[2].rpartition("</scene>")[0]
+    head, end, rest = SCENE.rpartition("</scene>")
+    return head + around + end + rest
 
-    What a user has lies in the folder, the truth in its folder ``truth``.
-    """
-    folder = out / laboratory.name
-    truth, record = folder / "truth", folder / "truth" / "made_from"
-    made_from = _digest(laboratory)
-    if record.is_file() and record.read_text("utf-8") == made_from:
-        return folder
-    for meshes in (folder / "meshes", truth / "meshes"):
-        meshes.mkdir(parents=True, exist_ok=True)
-        for name, build in laboratory.meshes.items():
-            build().export(meshes / f"{name}.ply")
-    (truth / "scene.xml").write_text(laboratory.scene, "utf-8")
-    world = World(laboratory, truth)
+
+def make(folder: Path) -> None:
+    """Render the laboratory: what a user has into a folder, the truth into its folder ``truth``."""
+    truth = folder / "truth"
+    world = World(truth)
+    (truth / "scene.xml").write_text(SCENE, "utf-8")
     _write_photographs(world, folder)
     shown = np.rint(255 * encoded(world.hidden)).astype(np.uint8)
     Image.fromarray(np.kron(shown, np.ones((16, 16, 1), np.uint8))).save(truth / "hidden.png")
     _write_points(world, folder / "points.csv")
     _write_poster(world, folder / "poster.png")
-    record.write_text(made_from, "utf-8")
-    return folder
 
 
 def _write_photographs(world: World, folder: Path) -> None:
-    """Write a photograph and one with the monitor off, and both of a wall of even paint."""
-    laboratory, camera = world.laboratory, world.laboratory.camera
+    """Write a photograph and one with the monitor off."""
     light_of = {name: each.astype(np.float32) for name, each in world.light().items()}
     both = light_of["monitor"] + light_of["room"]
-    lens = camera.lens(world.centres.positions).reshape(*world.size, 1)
+    lens = CAMERA.lens(world.centres.positions).reshape(*world.size, 1)
     even = world.reflectance * lens * both
-    signal = camera.counts_per_radiance(even) * even * camera.sensitivity
-    power = (averaged(signal, laboratory.block) ** 2).mean() * 10 ** (-SNR / 10)
+    signal = CAMERA.counts_per_radiance(even) * even * CAMERA.sensitivity
+    power = (averaged(signal, BLOCK) ** 2).mean() * 10 ** (-SNR / 10)
     # Variance for each count of signal.
-    shot = float((power * laboratory.block**2 - camera.read_noise**2) / signal.mean())
-    for kind, (ending, unevenness) in enumerate({"": UNEVENNESS, "_even": 0.0}.items()):
-        wall = world.wall(unevenness) * lens
-        gain = camera.counts_per_radiance(wall * both)
-        pictures = {"photograph": both, "monitor_off": light_of["room"]}
-        for index, (name, falling) in enumerate(pictures.items()):
-            seed = 1000 * laboratory.seed + 10 * index + kind
-            tifffile.imwrite(
-                folder / f"{name}{ending}.tiff",
-                camera.expose(wall * falling, gain, shot, seed),
-                photometric="rgb",
-                compression="zlib",
-                predictor=True,
-            )
+    shot = float((power * BLOCK**2 - CAMERA.read_noise**2) / signal.mean())
+    wall = world.wall() * lens
+    gain = CAMERA.counts_per_radiance(wall * both)
+    pictures = {"photograph": both, "monitor_off": light_of["room"]}
+    for index, (name, falling) in enumerate(pictures.items()):
+        tifffile.imwrite(
+            folder / f"{name}.tiff",
+            CAMERA.expose(wall * falling, gain, shot, 1000 * SEED + 10 * index),
+            photometric="rgb",
+            compression="zlib",
+            predictor=True,
+        )
 
 
 def _write_points(world: World, file: Path) -> None:
     """Write points of the wall: clicked to 0.3 pixels, measured to a millimetre."""
-    rng = np.random.default_rng([world.laboratory.seed, 30])
+    rng = np.random.default_rng([SEED, 30])
     rows, columns = world.size
-    down, across = (np.linspace(0.06, 0.94, number) for number in world.laboratory.points)
+    down, across = (np.linspace(0.06, 0.94, number) for number in POINTS)
     grid = np.stack(np.meshgrid(across, down), -1).reshape(-1, 2)
     pixels = (grid + rng.uniform(-0.04, 0.04, grid.shape)) * [columns, rows]
     seen = world.seen(pixels)
@@ -219,9 +226,7 @@ def _write_points(world: World, file: Path) -> None:
 
 def _write_poster(world: World, file: Path) -> None:
     """Write what a person paints over in the photograph: the poster, with a margin."""
-    poster, used = world.laboratory.poster, np.ones(world.size, bool)
-    if poster:
-        used = ~poster.covers(world.centres.places, margin=0.012).reshape(world.size)
+    used = ~POSTER.covers(world.centres.places, margin=0.012).reshape(world.size)
     Image.fromarray(np.where(used, 255, 0).astype(np.uint8)).save(file)
 
 
@@ -247,13 +252,3 @@ def _coverage(boxes: int, pixels: int) -> Array:
     upper = np.minimum(edges[1:, None], np.arange(1, pixels + 1))
     lower = np.maximum(edges[:-1, None], np.arange(pixels))
     return np.asarray(np.maximum(upper - lower, 0) * boxes / pixels)
-
-
-def _digest(laboratory: Laboratory) -> str:
-    """Return the SHA-256 of the code and the files that a laboratory is made from."""
-    scenes = SCENES.glob(f"{laboratory.name}*.xml")
-    code = Path(__file__).parent.glob("*.py")
-    digest = hashlib.sha256()
-    for file in (*sorted(scenes), *sorted(code), IMAGES / f"{laboratory.hidden_image}.png"):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()

@@ -26,26 +26,9 @@ def read_by_ruler(text: str, seed: int) -> dict[str, float]:
     read = {}
     for name in sorted(values):
         if (error := values.get(name + ERROR)) is not None:
-            step = 0.5 if name.endswith(("turn", "tilt", "fov")) else 0.001
+            step = 0.5 if name.endswith("turn") else 0.001
             while abs(deviation := rng.standard_normal()) > LARGEST:
                 pass
             value = values[name] + error * deviation
             read[name] = round(round(value / step) * step, 6)
     return read
-
-
-def measured_scene(text: str, seed: int, exact: tuple[str, ...] = ()) -> str:
-    """Return a scene file with what a ruler reads.
-
-    Names that begin with one of `exact` carry no error: something else than the ruler tells them.
-    """
-    read = read_by_ruler(text, seed)
-
-    def replaced(found: re.Match[str]) -> str:
-        name = found["name"]
-        if name.endswith(ERROR) and name.startswith(exact):
-            return ""
-        value = f"{read[name]:.6g}" if name in read else found["value"]
-        return f'<default name="{name}" value="{value}"/>'
-
-    return _DEFAULT.sub(replaced, text)

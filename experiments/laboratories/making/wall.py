@@ -7,8 +7,6 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.laboratories.making.camera import Camera
-
 Array = NDArray[np.float64]
 
 
@@ -36,8 +34,8 @@ class Seen:
     positions: Array
 
 
-def seen_by(scene: Any, camera: Camera, pixels: Array, size: tuple[int, int]) -> Seen:
-    """Return what pixels of a photograph of (rows, columns) see by a camera, whose lens bends rays.
+def seen_by(scene: Any, pixels: Array, size: tuple[int, int]) -> Seen:
+    """Return what pixels of a photograph of (rows, columns) see.
 
     The pixels are (n, 2) column and row, the first pixel's centre at (0.5, 0.5). One that sees
     something else than the wall is a ValueError.
@@ -45,9 +43,8 @@ def seen_by(scene: Any, camera: Camera, pixels: Array, size: tuple[int, int]) ->
     rows, columns = size
     centre, half = np.array([columns, rows]) / 2, np.hypot(rows, columns) / 2
     positions = (pixels - centre) / half
-    ideal = camera.ideal(positions) * half + centre
     wall = next(shape for shape in scene.shapes() if shape.id() == "wall")
-    hit = _hits(scene, ideal / [columns, rows])
+    hit = _hits(scene, pixels / [columns, rows])
     on_wall = np.broadcast_to(np.array(hit.shape == mi.ShapePtr(wall)).astype(bool), len(pixels))
     if not on_wall.all():
         column, row = pixels[np.argmin(on_wall)]

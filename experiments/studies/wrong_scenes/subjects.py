@@ -13,11 +13,11 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import periscopy_sim as ps
-from experiments.laboratories.making.laboratory import SCENES, SHELF
 from experiments.setting import kept
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.numerics import Array
@@ -27,6 +27,8 @@ from periscopy_sim.storage.outputs import staged_folder
 from periscopy_sim.storage.provenance import array_sha256, scene_sha256
 
 NAMES = "chair", "plate", "shelf", "sign"
+
+SCENES = Path(__file__).with_name("scenes")
 
 SAMPLES = 16384
 """Paths a pixel of each of two renderings. Their mean has a grain of 0.09 % of the chair's signal,
@@ -101,8 +103,7 @@ def subjects(folder: Path) -> dict[str, Subject]:
     chair, plate, sign = ps.find_scene("chair"), ps.find_scene("plate"), SCENES / "sign.xml"
     with staged_folder(folder / "shelf") as staged:
         (staged / "meshes").mkdir()
-        for name, build in SHELF.meshes.items():
-            build().export(staged / "meshes" / f"{name}.ply")
+        _shelf().export(staged / "meshes" / "shelf.ply")
         for part in ("shelf.xml", "shelf_room.xml"):
             shutil.copyfile(SCENES / part, staged / part)
         parts = '<include filename="shelf.xml"/><include filename="shelf_room.xml"/>'
@@ -113,11 +114,31 @@ def subjects(folder: Path) -> dict[str, Subject]:
         Subject("plate", plate, plate, (29, 36), "still_life", "window_left"),
         Subject(
             "shelf", folder / "shelf" / "shelf.xml", folder / "shelf" / "furnished.xml",
-            SHELF.hidden, SHELF.hidden_image, "ceiling_panels",
+            (21, 28), "digits", "ceiling_panels",
         ),
         Subject("sign", sign, sign, (15, 20), "letters", "overcast"),
     )  # fmt: skip
     return {subject.name: subject for subject in known}
+
+
+def _shelf() -> Any:
+    """Return a board across y with openings and two legs; the origin is its lower edge's middle."""
+    import trimesh
+
+    bars = [
+        ((-0.085, 0.085), (0.0, 0.014)),
+        ((-0.085, 0.085), (0.128, 0.14)),
+        ((-0.085, -0.073), (0.013, 0.129)),
+        ((0.071, 0.085), (0.013, 0.129)),
+        ((-0.022, -0.010), (0.013, 0.129)),
+        ((-0.011, 0.072), (0.058, 0.072)),
+        ((-0.074, -0.021), (0.090, 0.098)),
+        ((0.028, 0.072), (0.071, 0.129)),
+        ((-0.08, -0.065), (-0.38, 0.001)),
+        ((0.06, 0.075), (-0.38, 0.001)),
+    ]
+    bounds = [np.transpose([(-0.006, 0.006), *each]) for each in bars]
+    return trimesh.util.concatenate([trimesh.creation.box(bounds=each) for each in bounds])
 
 
 def photographed(subject: Subject, folder: Path) -> Photographed:
