@@ -23,7 +23,7 @@ from periscopy_sim.rendering.load import build_scene
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
-from periscopy_sim.rendering.wall import camera_of, shape_of
+from periscopy_sim.rendering.wall import camera_of, is_shape, pointer_to, shape_of
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
 from periscopy_sim.view import Geometry
 
@@ -252,7 +252,7 @@ def make_tracer(
     camera = camera_of(scene, scenario.view.camera)
     wall = shape_of(scene, scenario.view.wall)
     rows, columns = scenario.photograph_shape
-    shapes = {name: mi.ShapePtr(shape_of(scene, name)) for name in hidden}
+    shapes = {name: pointer_to(shape_of(scene, name)) for name in hidden}
     lanes = len(sites) * PATHS
     path_numbers = PathNumbers(len(sites), (PATHS,))
 
@@ -265,7 +265,7 @@ def make_tracer(
             0.0, 0.0, mi.Point2f(x / columns, y / rows), mi.Point2f(numbers(2), numbers(3))
         )
         si = scene.ray_intersect(ray, +mi.RayFlags.All, True)
-        active = si.is_valid() & (si.shape == mi.ShapePtr(wall))
+        active = is_shape(si, wall)
         # Colour is left to the channels' gain.
         where = mi.Point2f(numbers(5), numbers(6))
         if scenario.view.reflectance is None:
