@@ -251,7 +251,14 @@ def make_tracer(
     scene = shown or build_scene(scenario.scene, hidden, white, only_hidden=True)
     camera = camera_of(scene, scenario.view.camera)
     wall = shape_of(scene, scenario.view.wall)
-    rows, columns = scenario.photograph_shape
+    # Opaque, so that photographs and hidden images of all sizes share one compiled kernel.
+    rows, columns, patches = (
+        dr.opaque(mi.UInt32, size) for size in (*scenario.photograph_shape, hidden.patches)
+    )
+    sizes = {
+        name: [dr.opaque(mi.UInt32, n) for n in (*surface.shape, hidden.slices[name].start)]
+        for name, surface in hidden.items()
+    }
     shapes = {name: pointer_to(shape_of(scene, name)) for name in hidden}
     lanes = len(sites) * PATHS
     path_numbers = PathNumbers(len(sites), (PATHS,))
@@ -288,13 +295,13 @@ def make_tracer(
             """Add radiance, (3,), to what comes from a patch."""
             patch, shape = mi.UInt32(0), emitter.get_shape()
             for name, surface in hidden.items():
-                R, C = surface.shape
+                R, C, start = sizes[name]
                 across = 1 - uv.x if surface.mirrored else uv.x
                 row = dr.minimum(mi.UInt32(dr.maximum(1 - uv.y, 0) * R), R - 1)
                 column = dr.minimum(mi.UInt32(dr.maximum(across, 0) * C), C - 1)
-                own = hidden.slices[name].start + row * C + column
+                own = start + row * C + column
                 patch = dr.select(shape == shapes[name], own, patch)
-            at = (site * hidden.patches + patch) * 3
+            at = (site * patches + patch) * 3
             for c in range(3):
                 whole = mi.Int64(dr.round(radiance[c] / FINEST))
                 dr.scatter_reduce(dr.ReduceOp.Add, sums, whole, at + c, active & (radiance[c] > 0))
