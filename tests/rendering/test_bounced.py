@@ -144,6 +144,21 @@ def test_without_surroundings_nothing_bounces_and_direct_light_is_as_before(room
     assert np.asarray(A).tobytes() == direct.tobytes()
 
 
+@pytest.mark.usefixtures("few_paths")
+def test_rows_and_columns_of_patches_have_the_sums_of_their_light(room):
+    """By the same paths, whatever the patches."""
+    sites, traced = np.arange(30), {}
+    for size in ((2, 3), (2, 1), (1, 3)):
+        seen = room.load(board(painted("0.8, 0.4, 0.2")), hidden=size)
+        traced[size] = bounced.make_tracer(seen, sites, 2)(7).reshape(30, *size, 3)
+    patches = traced[2, 3]
+    assert (patches.sum(axis=0) > 0).all()
+    for axis, size in ((1, (1, 3)), (2, (2, 1))):
+        whole = traced[size]
+        off = patches.sum(axis=axis, keepdims=True) - whole
+        np.testing.assert_allclose(off, 0, atol=1e-5 * whole.max())
+
+
 def test_an_array_of_it_is_the_channels_mean(room):
     seen = room.load(board(painted("0.8, 0.4, 0.2")))
     done = []
