@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Most modules that are installed are never imported: those that are compile then.
 INSTALL := $(BIN)/python -m pip install --quiet --no-compile --editable
+# Where the environment forbids to keep them, as in containers, each process would compile them anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test tests test-rounding test-thorough test-slow lint validate paper beyond benchmark leaderboard learned docs release clean
 

@@ -24,6 +24,25 @@ def jit():
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _no_sync():
+    """Leave files to the system: thousands would be forced to the disk, which no test cuts off."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _coarse_space():
+    """Draw scenes in space by fewer rays, as seen from the best of fewer rays, too."""
+    from periscopy_sim.figures import space
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(space, "PIXELS", 120)
+        patch.setattr(space, "LOOK", space.LOOK[::4])
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _no_user_cache(tmp_path_factory):
     """Keep fixtures that tests share out of the user's cache."""
     with pytest.MonkeyPatch.context() as patch:

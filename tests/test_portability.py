@@ -1,6 +1,7 @@
 """Nothing here is known to break on Windows or macOS, or by another locale than the author's."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -22,13 +23,18 @@ MEASURING = {
 RESERVED = {"con", "prn", "aux", "nul", *(f"{n}{k}" for n in ("com", "lpt") for k in range(1, 10))}
 
 
+@cache
+def nodes_of(source):
+    return [*ast.walk(ast.parse(source))]
+
+
 def place(path):
     return path.relative_to(ROOT).as_posix()
 
 
-def unencoded(tree):
+def unencoded(source):
     """Lines that read or write text in whichever encoding the machine has."""
-    for node in ast.walk(tree):
+    for node in nodes_of(source):
         if not isinstance(node, ast.Call):
             continue
         called = node.func
@@ -49,16 +55,16 @@ def unencoded(tree):
                 yield node.lineno
 
 
-def posix_only(tree):
+def posix_only(source):
     """Names that another system has not, but where a branch asks for the system first."""
     asked = {
         id(inner)
-        for node in ast.walk(tree)
+        for node in nodes_of(source)
         if isinstance(node, ast.If | ast.IfExp)
         and ("platform" in ast.unparse(node.test) or "hasattr" in ast.unparse(node.test))
         for inner in ast.walk(node)
     }
-    for node in ast.walk(tree):
+    for node in nodes_of(source):
         if id(node) in asked:
             continue
         if isinstance(node, ast.Import | ast.ImportFrom):
@@ -72,7 +78,7 @@ def posix_only(tree):
 
 
 def test_text_is_read_and_written_in_a_named_encoding():
-    found = {place(path): [*unencoded(ast.parse(path.read_text("utf-8")))] for path in SOURCES}
+    found = {place(path): [*unencoded(path.read_text("utf-8"))] for path in SOURCES}
     assert not {path: lines for path, lines in found.items() if lines}
 
 
@@ -81,20 +87,20 @@ def test_nothing_of_posix_alone_is_used_where_the_system_is_not_asked():
         place(path): names
         for path in SOURCES
         if not any(place(path).startswith(each) for each in MEASURING)
-        and (names := list(posix_only(ast.parse(path.read_text("utf-8")))))
+        and (names := list(posix_only(path.read_text("utf-8"))))
     }
     assert not found
 
 
 def test_what_depends_on_the_machine_is_noticed():
     for call in ("path.read_text({})", "path.write_text('é', {})", "open(name, {})", "p.open({})"):
-        assert list(unencoded(ast.parse(call.format("")))) == [1], call
-        assert not list(unencoded(ast.parse(call.format("encoding='utf-8'")))), call
+        assert list(unencoded(call.format(""))) == [1], call
+        assert not list(unencoded(call.format("encoding='utf-8'"))), call
     for source in ("open('file', 'rb')", "path.open(mode='wb')", "Image.open(path)"):
-        assert not list(unencoded(ast.parse(source))), source
-    assert list(posix_only(ast.parse("import fcntl"))) == ["1: fcntl"]
-    assert list(posix_only(ast.parse("os.fork()"))) == ["1: os.fork"]
-    assert not list(posix_only(ast.parse("if sys.platform != 'win32':\n    os.fork()")))
+        assert not list(unencoded(source)), source
+    assert list(posix_only("import fcntl")) == ["1: fcntl"]
+    assert list(posix_only("os.fork()")) == ["1: os.fork"]
+    assert not list(posix_only("if sys.platform != 'win32':\n    os.fork()"))
 
 
 def test_names_of_files_can_lie_on_every_disk():

@@ -73,7 +73,7 @@ def direct_irradiance(
         hit = scene.ray_intersect(mi.Ray3f(position, direction))
         chance = dr.dot(normal, direction) * dr.inv_pi
         pdf = emitter.pdf_direction(si, mi.DirectionSample3f(scene, hit, si))
-        met = (hit.emitter(scene) == mi.EmitterPtr(emitter)) & (chance > 0)
+        met = (hit.emitter(scene) == dr.opaque(mi.EmitterPtr, emitter)) & (chance > 0)
         arriving += dr.select(met, emitter.eval(hit) * dr.pi * chance / (chance + pdf), 0)
     dr.eval(arriving)  # else computed anew for each component
     return rows_of(dr.block_reduce(dr.ReduceOp.Add, arriving, count)) / count
@@ -395,7 +395,7 @@ def _view_of(scene: Any, path: Path) -> tuple[WallFrame, float, Array]:
 
     def meet(film: Any) -> tuple[Any, ...]:
         ray, si = wall.look(scene, wall.camera_of(scene), film)
-        is_wall = si.shape == mi.ShapePtr(wall.shape_of(scene, "wall"))
+        is_wall = wall.is_shape(si, wall.shape_of(scene, "wall"))
         return si.p, si.n * -dr.sign(dr.dot(si.n, ray.d)), is_wall
 
     def meet_grid(side: int) -> tuple[Array, Array]:

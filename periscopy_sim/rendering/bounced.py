@@ -23,7 +23,7 @@ from periscopy_sim.rendering.load import build_scene
 from periscopy_sim.rendering.paths import PathNumbers, trace_paths
 from periscopy_sim.rendering.shadow_rays import RenderedTransport
 from periscopy_sim.rendering.variant import dr, mi, require_vectorized
-from periscopy_sim.rendering.wall import camera_of, shape_of
+from periscopy_sim.rendering.wall import camera_of, is_shape, pointer_to, shape_of
 from periscopy_sim.rendering.wall_polynomials import REPLICAS, SITES, best_fit, chosen_sites
 from periscopy_sim.view import Geometry
 
@@ -251,8 +251,15 @@ def make_tracer(
     scene = shown or build_scene(scenario.scene, hidden, white, only_hidden=True)
     camera = camera_of(scene, scenario.view.camera)
     wall = shape_of(scene, scenario.view.wall)
-    rows, columns = scenario.photograph_shape
-    shapes = {name: mi.ShapePtr(shape_of(scene, name)) for name in hidden}
+    # Opaque, so that photographs and hidden images of all sizes share one compiled kernel.
+    rows, columns, patches = (
+        dr.opaque(mi.UInt32, size) for size in (*scenario.photograph_shape, hidden.patches)
+    )
+    sizes = {
+        name: [dr.opaque(mi.UInt32, n) for n in (*surface.shape, hidden.slices[name].start)]
+        for name, surface in hidden.items()
+    }
+    shapes = {name: pointer_to(shape_of(scene, name)) for name in hidden}
     lanes = len(sites) * PATHS
     path_numbers = PathNumbers(len(sites), (PATHS,))
 
@@ -265,7 +272,7 @@ def make_tracer(
             0.0, 0.0, mi.Point2f(x / columns, y / rows), mi.Point2f(numbers(2), numbers(3))
         )
         si = scene.ray_intersect(ray, +mi.RayFlags.All, True)
-        active = si.is_valid() & (si.shape == mi.ShapePtr(wall))
+        active = is_shape(si, wall)
         # Colour is left to the channels' gain.
         where = mi.Point2f(numbers(5), numbers(6))
         if scenario.view.reflectance is None:
@@ -288,13 +295,13 @@ def make_tracer(
             """Add radiance, (3,), to what comes from a patch."""
             patch, shape = mi.UInt32(0), emitter.get_shape()
             for name, surface in hidden.items():
-                R, C = surface.shape
+                R, C, start = sizes[name]
                 across = 1 - uv.x if surface.mirrored else uv.x
                 row = dr.minimum(mi.UInt32(dr.maximum(1 - uv.y, 0) * R), R - 1)
                 column = dr.minimum(mi.UInt32(dr.maximum(across, 0) * C), C - 1)
-                own = hidden.slices[name].start + row * C + column
+                own = start + row * C + column
                 patch = dr.select(shape == shapes[name], own, patch)
-            at = (site * hidden.patches + patch) * 3
+            at = (site * patches + patch) * 3
             for c in range(3):
                 whole = mi.Int64(dr.round(radiance[c] / FINEST))
                 dr.scatter_reduce(dr.ReduceOp.Add, sums, whole, at + c, active & (radiance[c] > 0))

@@ -93,10 +93,8 @@ class Survey:
             si = self._scene.ray_intersect(variant.mi.Ray3f(eye, variant.mi.Vector3f(way)))
             number = variant.mi.Float(-1)
             for k, shape in enumerate(self._shapes.values()):
-                same = si.shape == (
-                    variant.mi.ShapePtr(shape) if variant.is_vectorized() else shape
-                )
-                number = variant.dr.select(si.is_valid() & same, variant.mi.Float(k), number)
+                same = wall.is_shape(si, shape)
+                number = variant.dr.select(same, variant.mi.Float(k), number)
             return number, si.p, si.n, si.uv
 
         number, points, normals, uv = wall.map_points(meet, eyes, directions)

@@ -57,9 +57,9 @@ def trace_texture(
     rows, columns = (across * side for side in shape)
     own = None if motion is None else variant.mi.Transform4f(motion)
 
-    def sample(number: Any, area: Any, replica: int) -> list[Any]:
+    def sample(number: Any, area: Any, replica: Any) -> list[Any]:
         """Return the colour of an area's point, its square and 1, by number; 0 if it is no wall."""
-        shift = variant.mi.sample_tea_32(area, variant.mi.UInt32(replica), 8)
+        shift = variant.mi.sample_tea_32(area, replica, 8)
         within = [
             variant.mi.Float((number * step + by) >> 8) * 2.0**-24
             for step, by in zip(STEPS, shift, strict=True)
@@ -70,7 +70,7 @@ def trace_texture(
         ray, _ = camera.sample_ray(0.0, 0.0, film, variant.mi.Point2f(0.5, 0.5))
         if own is None:
             si = scene.ray_intersect(ray)
-            hit = si.is_valid() & (si.shape == variant.mi.ShapePtr(wall))
+            hit = is_shape(si, wall)
         else:
             si = wall.ray_intersect(
                 variant.mi.Ray3f(own @ ray.o, variant.dr.normalize(own @ ray.d))
@@ -87,11 +87,16 @@ def trace_texture(
         added = last - first
         for replica, start in product(range(2), range(0, len(areas), variant.LANES // added)):
             some = areas[start : start + variant.LANES // added]
-            lane = variant.dr.arange(variant.mi.UInt32, len(some) * added)
-            area = variant.dr.gather(variant.mi.UInt32, variant.mi.UInt32(some), lane // added)
-            seen = sample(lane % added + variant.dr.opaque(variant.mi.UInt32, first), area, replica)
+            padded = np.resize(some, _lanes(len(some) * added) // added)
+            lane = variant.dr.arange(variant.mi.UInt32, len(padded) * added)
+            each, begin, of = (
+                variant.dr.opaque(variant.mi.UInt32, number) for number in (added, first, replica)
+            )
+            area = variant.dr.gather(variant.mi.UInt32, variant.mi.UInt32(padded), lane // each)
+            seen = sample(lane % each + begin, area, of)
             variant.dr.eval(*seen)  # all in one kernel
-            sums[replica][:, some] += [variant.dr.block_sum(each, added) for each in seen]
+            light = np.array([variant.dr.block_sum(values, added) for values in seen])
+            sums[replica][:, some] += light[:, : len(some)]
         means = (sums[:, :4] / np.maximum(sums[:, 4:], 1)).swapaxes(1, 2)
         albedo, squares = means[..., :3], means[..., 3]
         if not (np.isfinite(albedo).all() and albedo.min() >= 0 < albedo.max()):
@@ -261,7 +266,7 @@ def middle_shape(scene: Any, camera: Any, where: str) -> str:
 
     def shown(film: Any) -> tuple[Any, ...]:
         _, si = look(scene, camera, film)
-        return tuple(_is_shape(si, each) for each in shapes)
+        return tuple(is_shape(si, each) for each in shapes)
 
     hits = _traced(shown, np.full((1, 2), 0.5), where)
     return next((each.id() for each, hit in zip(shapes, hits, strict=True) if hit.any()), "")
@@ -275,11 +280,18 @@ def _traced(function: Callable[..., tuple[Any, ...]], film: Array, where: str) -
         raise SceneError(f"{where}: Mitsuba cannot trace it: {variant.one_line(error)}") from None
 
 
-def _is_shape(si: Any, shape: Any) -> Any:
+def pointer_to(shape: Any) -> Any:
+    """Return a Dr.Jit pointer to a shape that scenes loaded one after another share kernels with.
+
+    Dr.Jit numbers the shapes of a process. As a constant, the number would give each scene kernels
+    of its own, which take LLVM a tenth of a second each.
+    """
+    return variant.dr.opaque(variant.mi.ShapePtr, shape) if variant.is_vectorized() else shape
+
+
+def is_shape(si: Any, shape: Any) -> Any:
     """Return whether a ray met a shape."""
-    return si.is_valid() & (
-        si.shape == (variant.mi.ShapePtr(shape) if variant.is_vectorized() else shape)
-    )
+    return si.is_valid() & (si.shape == pointer_to(shape))
 
 
 def look(scene: Any, camera: Any, film: Any) -> tuple[Any, Any]:
@@ -298,7 +310,7 @@ def _meet(scene: Any, camera: Any, wall: Any) -> Callable[[Any], tuple[Any, ...]
 
     def meet(position: Any) -> tuple[Any, ...]:
         ray, si = look(scene, camera, position)
-        hit = _is_shape(si, wall)
+        hit = is_shape(si, wall)
         toward_camera = variant.mi.Vector3f(0, 0, variant.dr.sign(si.wi.z))
         facing = bsdf.eval(context, si, toward_camera)
         si.wi = variant.mi.Vector3f(0, 0, 1)
@@ -335,6 +347,16 @@ def _is_even(colors: list[Array], everywhere: Array, diffuse: bool, what: str) -
     return even
 
 
+def _lanes(count: int) -> int:
+    """Return the number of points that stands for a count: LLVM compiles each number anew.
+
+    A power of four up to 2¹⁶ points, which are traced faster than a kernel is compiled.
+    """
+    if not 0 < count <= 1 << 16:
+        return count
+    return int(max(64, 4 ** -(-(count - 1).bit_length() // 2)))
+
+
 def map_points(function: Callable[..., tuple[Any, ...]], *points: Array) -> list[Array]:
     """Evaluate a function of Mitsuba's points, that returns Dr.Jit numbers and vectors.
 
@@ -343,13 +365,15 @@ def map_points(function: Callable[..., tuple[Any, ...]], *points: Array) -> list
     """
     kinds = [variant.mi.Point2f if each.shape[1] == 2 else variant.mi.Point3f for each in points]
     if variant.is_vectorized():
-        arguments = (each.T.astype(np.float32) for each in points)
+        count = len(points[0])
+        some = np.resize(np.arange(count), _lanes(count))
+        arguments = (each[some].T.astype(np.float32) for each in points)
         values = function(*(kind(each) for kind, each in zip(kinds, arguments, strict=True)))
         variant.dr.eval(
             *values
         )  # all in one kernel, where each component would be traced by its own
         # Values that are the same everywhere have length 1.
-        return [np.atleast_2d(value).T + np.zeros((len(points[0]), 1)) for value in values]
+        return [np.atleast_2d(value).T[:count] + np.zeros((count, 1)) for value in values]
     each = [
         function(*(kind(place.tolist()) for kind, place in zip(kinds, places, strict=True)))
         for places in zip(*points, strict=True)

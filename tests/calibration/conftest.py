@@ -1,13 +1,15 @@
 import pytest
 
 import periscopy_sim as ps
+from periscopy_sim.analytic import area_transport
 from periscopy_sim.calibration import problem, search
 from tests.scenes.calibration import HIDDEN, SIDE, SIZE, Small, picture
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Use all pixels, and follow two of four draws."""
+    """Use all pixels, 9 wall points in each, and follow two of four draws."""
+    monkeypatch.setattr(area_transport, "PIXEL_POINTS", 3 * SIDE)
     monkeypatch.setattr(problem, "COARSE_PIXELS", SIDE**2)
     monkeypatch.setattr(search, "DRAWS", 4)
     monkeypatch.setattr(search, "PROPOSED", 2)

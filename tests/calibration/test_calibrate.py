@@ -194,6 +194,7 @@ def test_photographs_that_show_nothing_are_rejected() -> None:
             calibrated(photograph, shown=shown)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("jit", "quick")
 def test_a_rod_of_the_laboratorys_example_is_calibrated(tmp_path: Path) -> None:
     scene, *_ = ps.build_laboratory(EXAMPLE, tmp_path / "lab.xml")

@@ -91,7 +91,9 @@ def test_nothing_follows_a_descent_that_leaves_the_prior(sharper: float, last: f
     assert best.temperature == 4 and best.point == pytest.approx(2.0, abs=0.05)
 
 
-@pytest.mark.parametrize("aside", [(0.0, -0.0186), (0.0203, 0.0)])
+@pytest.mark.parametrize(
+    "aside", [(0.0, -0.0186), pytest.param((0.0203, 0.0), marks=pytest.mark.thorough)]
+)
 def test_a_search_hops_out_of_valleys_whose_image_lies_a_patch_aside(
     small: Small, aside: tuple[float, float]
 ) -> None:

@@ -71,7 +71,8 @@ def command(*more, **changes):
 @pytest.mark.usefixtures("jit")
 def test_sweep_writes_store_table_and_picture(succeeds, folder):
     methods = "truncated-svd,mine.py:Mine,mine.py:Failing"
-    shown = succeeds(*command("--flips", methods=methods, seeds=2, snr=45, seed=3))
+    given = {"ambient": "lamp.exr", "seeds": 2, "snr": 45, "seed": 3}
+    shown = succeeds(*command("--flips", methods=methods, **given))
     out = folder / "out"
     assert {path.name for path in out.iterdir()} == {
         ".lock", "settings.json", "sweep.zarr", "sweep.csv", "sweep.png",
@@ -84,10 +85,8 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
     world = World({"truth": y}, {"truth": truth}, {"lamp": light}, {"": method})
     image = method.reconstruct(world.photograph("truth", "lamp", 5, 45, 0, base=3))
     with xr.open_dataset(out / "sweep.zarr", engine="zarr", consolidated=False) as results:
-        assert list(results["background"].values) == [
-            *("left", "left up-down", "left left-right", "left both"),
-            *("lamp", "lamp up-down", "lamp left-right", "lamp both"),
-        ]
+        flips = ["lamp", "lamp up-down", "lamp left-right", "lamp both"]
+        assert list(results["background"].values) == flips
         assert list(results["sbr"].values) == [0.5, 5] and list(results["seed"].values) == [0, 1]
         cell = results.squeeze().isel(algorithm=0, seed=0).sel(background="lamp", sbr=5)
         assert np.allclose(cell["reconstruction"], image, rtol=1e-4, atol=1e-6)
@@ -95,12 +94,12 @@ def test_sweep_writes_store_table_and_picture(succeeds, folder):
         record = results.attrs
     with (out / "sweep.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert len(rows) == 3 * 8 * 2 * 2
+    assert len(rows) == 3 * 4 * 2 * 2
     (failure,) = {row["failure"] for row in rows if row["algorithm"] == "mine.py:Failing"}
     assert "mine.py:Failing" in failure and "KeyError: 'lost' (mine.py:11)" in failure
     made = {(row["model"], row["samples"], float(row["transport_error"]) > 1e-4) for row in rows}
     assert made == {("rendered", "16", True)}
-    assert "mine.py:Failing failed on 32 of 32" in shown
+    assert "mine.py:Failing failed on 16 of 16" in shown
     settings = json.loads((out / "settings.json").read_text())
     assert record["settings"] == settings
     assert settings["parameters"] == {"resolution": "21"} and settings["samples"] == 16
@@ -144,17 +143,18 @@ def test_axes_vary_in_the_scene_and_in_the_methods_and_each_part_is_rendered_onc
 
 @pytest.mark.usefixtures("jit")
 def test_a_sweep_says_beforehand_what_it_does_and_a_resumed_one_what_is_missing(succeeds):
-    given = command("--flips", ambient="left.exr", snr="40:60:2")
+    options = {"ambient": "left.exr", "methods": "truncated-svd", "snr": "40:60:2"}
+    given = command("--flips", **options)
     shown = succeeds(*given)
     assert shown.startswith(
-        "32 results: 2 methods x 1 image x 2 SBRs x 2 SNRs x 4 flips\nto make: 1 matrix\nabout "
+        "16 results: 1 method x 1 image x 2 SBRs x 2 SNRs x 4 flips\nto make: 1 matrix\nabout "
     )
     more = json.loads(
         succeeds(*given, "--vary", "truncated-svd.tv_weight=1", "--json", "--out", "b")
     )
-    assert (more["missing"], more["results"]) == (32, 32) and more["estimated_seconds"] >= 0
-    grown = command("--flips", ambient="left.exr", snr="40:60:2", sbr="0.5,5,50")
-    assert "\n16 of 48 results: " in "\n" + succeeds(*grown)
+    assert (more["missing"], more["results"]) == (16, 16) and more["estimated_seconds"] >= 0
+    grown = command("--flips", sbr="0.5,5,50", **options)
+    assert "\n8 of 24 results: " in "\n" + succeeds(*grown)
     assert "results:" not in succeeds(*grown) and succeeds(*grown, "-q") == ""
 
 
