@@ -19,7 +19,6 @@ M, N = 360, 30
 
 
 A = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.5)
-FAINT = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.02)
 
 
 def photograph_of(image, noise=0.0, seed=0, A=A):
