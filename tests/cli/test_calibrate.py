@@ -63,6 +63,8 @@ def test_a_scene_whose_image_lies_aside_is_written_too(rivals, succeeds, tmp_pat
         assert scene_covariance(document).changed(document) == []
     record = json.loads((tmp_path / "found.json").read_text())
     assert [each["values"] for each in record["rivals"]] == ASIDE
+    assert record["backgrounds"] == ["off.npy"]
+    assert record["colour_matrix"] == MIXING.tolist()
 
 
 @pytest.mark.usefixtures("rivals")
