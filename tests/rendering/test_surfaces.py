@@ -69,18 +69,6 @@ def test_a_transparent_surface_hides_nothing(room, images, bounces):
             ps.transport(two, bounces=bounces)
 
 
-def test_images_of_several_surfaces_are_recovered_by_id(two, images):
-    fine = ps.Scenario(ps.View.of(two.scene, (24, 24)), two.hidden)
-    A = ps.transport(fine)
-    method = ps.NoiseAware.for_scene(fine, A)
-    y = (A @ fine.hidden.vector(images)).reshape(24, 24, 3)
-    solution = method.reconstruct(y)
-    assert list(solution) == list(SIZES)
-    for name, image in images.items():
-        assert solution[name].shape == image.shape
-        assert ps.psnr(solution[name], image) > 25
-
-
 def test_light_that_bounces_is_told_apart_by_surface(room):
     """A white wall and a white monitor: the card's light returns from both, and none is lost."""
     monitor = room.monitor(room.area, inside=room.diffuse)
