@@ -321,10 +321,7 @@ def test_folder_of_another_sweep_is_refused_untouched(changes, key, done):
             "sbrs": (0.1, 3, 1, 10),
             "methods": {"first": Linear(1), "third": Linear(3), "second": Linear(2)},
         },
-        {
-            "signals": {"p": SIGNAL, "q": SIGNAL + 1},
-            "truths": {"p": TRUTH, "q": TRUTH / 2},
-        },
+        {"signals": {"p": SIGNAL, "q": SIGNAL + 1}, "truths": {"p": TRUTH, "q": TRUTH / 2}},
     ],
 )
 def test_more_values_compute_only_their_cells(more, done, tmp_path):

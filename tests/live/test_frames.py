@@ -113,14 +113,6 @@ def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
     assert any("c.npy" in line and "another format" in line for line in others)
 
 
-def test_a_file_that_cannot_be_read_is_named_when_a_later_one_is_shown(tmp_path, said, stopped):
-    incoming = open_source(tmp_path)(stopped, said.append)
-    (tmp_path / "a.tif").write_bytes(b"junk")
-    Thread(target=lambda: stopped.wait(1.0) or (tmp_path / "b.tif").write_bytes(tiff(6))).start()
-    assert value_of(next(incoming)) == 6
-    assert len(said) == 1 and "a.tif" in said[0]
-
-
 def test_what_lay_in_a_folder_does_not_choose_its_format(tmp_path, said, stopped):
     np.save(tmp_path / "old.npy", np.ones((4, 6, 3)))
     incoming = open_source(tmp_path)(stopped, said.append)
@@ -151,21 +143,6 @@ def test_a_file_of_its_full_size_is_read_when_it_is_written_to_its_end(
     assert value_of(next(incoming)) == 5
     (tmp_path / "black.tif").write_bytes(tiff(0))  # dark to its last byte
     assert value_of(next(incoming)) == 0
-
-
-def test_a_file_written_anew_while_it_is_read_is_one_frame(tmp_path, said, stopped):
-    anew = iter([tiff(5)])
-
-    def read(path):
-        for whole in anew:
-            path.write_bytes(whole)
-        return read_sensor_image(path)
-
-    (tmp_path / "a.tif").write_bytes(tiff(3))
-    incoming = CameraFolder(tmp_path, read).frames(stopped, said.append)
-    assert value_of(next(incoming)) == 5
-    Thread(target=lambda: stopped.wait(0.3) or (tmp_path / "b.tif").write_bytes(tiff(6))).start()
-    assert value_of(next(incoming)) == 6 and not said
 
 
 def test_a_camera_faster_than_the_reading_makes_frames(tmp_path, said, stopped, monkeypatch):

@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.differencing import (
-    Differencing,
-    neighbour_differences,
-)
+from periscopy_sim.reconstruction.differencing import Differencing, neighbour_differences
 from periscopy_sim.reconstruction.preconditioned import repair
 from periscopy_sim.reconstruction.total_variation import prox_total_variation
 from periscopy_sim.reconstruction.truncated_svd import TruncatedSVD

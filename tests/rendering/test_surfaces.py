@@ -156,9 +156,9 @@ def test_bounced_light_of_some_pixels_has_their_rows(two):
     np.testing.assert_array_equal(some.over_wall, whole.over_wall[pixels.ravel()])
 
 
-@pytest.mark.parametrize("faces", [31])
-def test_spherical_caps_are_accepted_and_light_the_wall_as_they_do_in_mitsuba(room, faces):
+def test_spherical_caps_are_accepted_and_light_the_wall_as_they_do_in_mitsuba(room):
     """Part of a sphere whose faces cut its UV square otherwise than patches do."""
+    faces = 13
     u, v = np.meshgrid(*[np.linspace(0, 1, faces + 1)] * 2, indexing="ij")
     across, up = np.radians(40) * (u - 0.5), np.radians(30) * (v - 0.5)
     x, z = 0.2 - 0.6 * np.sin(across) * np.cos(up), 0.3 + 0.6 * np.sin(up)

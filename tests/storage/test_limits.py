@@ -58,11 +58,7 @@ def test_pictures_are_refused_before_they_are_decoded(save, tmp_path):
 
 @pytest.mark.parametrize("read", [load_configuration, load_laboratory])
 def test_yaml_without_end_is_refused(read, tmp_path):
-    for text in (
-        "hidden: &a [*a]",
-        "a: " + "[" * 999,
-        "#" * (1 << 18),
-    ):
+    for text in ("hidden: &a [*a]", "a: " + "[" * 999, "#" * (1 << 18)):
         (tmp_path / "a.yaml").write_text(text)
         with pytest.raises(ConfigurationError, match=r"a\.yaml"):
             read(tmp_path / "a.yaml")
