@@ -145,6 +145,21 @@ def test_a_file_of_its_full_size_is_read_when_it_is_written_to_its_end(
     assert value_of(next(incoming)) == 0
 
 
+def test_a_file_written_anew_while_it_is_read_is_one_frame(tmp_path, said, stopped):
+    anew = iter([tiff(5)])
+
+    def read(path):
+        for whole in anew:
+            path.write_bytes(whole)
+        return read_sensor_image(path)
+
+    (tmp_path / "a.tif").write_bytes(tiff(3))
+    incoming = CameraFolder(tmp_path, read).frames(stopped, said.append)
+    assert value_of(next(incoming)) == 5
+    Thread(target=lambda: stopped.wait(0.3) or (tmp_path / "b.tif").write_bytes(tiff(6))).start()
+    assert value_of(next(incoming)) == 6 and not said
+
+
 def test_a_camera_faster_than_the_reading_makes_frames(tmp_path, said, stopped, monkeypatch):
     """And a script that moves photographs away as soon as they are there."""
     monkeypatch.setattr(frames, "PATIENCE", 0.05)

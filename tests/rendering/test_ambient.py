@@ -8,6 +8,7 @@ from periscopy_sim.rendering.photograph import path_trace
 from periscopy_sim.view import pixel_edges
 from tests.scenes.irradiance import polygon_irradiance
 from tests.scenes.lamps import LIGHT, point_light, scene_of
+from tests.scenes.materials import GLOSSY
 from tests.scenes.room import Room
 
 # The wall of the room's scenes is at y = 1 and faces -y; its albedo is 0.5.
@@ -118,12 +119,12 @@ def scenario(room):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("shelf", [SHELF, '<bsdf type="conductor"/>'], ids=["diffuse", "mirror"])
+@pytest.mark.parametrize(("shelf", "target"), [(SHELF, 2e-3), (GLOSSY, 4e-3)])
 def test_background_is_what_path_tracing_the_ambient_scene_gives(
-    shelf, office, scenario, same_mean
+    shelf, target, office, scenario, same_mean
 ):
     office.write_text(office.read_text().replace(SHELF, shelf))
-    found = [render_background(office, scenario, seed=seed, target=2e-3) for seed in range(8)]
+    found = [render_background(office, scenario, seed=seed, target=target) for seed in range(8)]
     pictures = np.stack([background.photograph for background in found])
     scene = scene_of(office)
     whole = np.stack([path_trace(scene, -1, samples=900, seed=100 + seed) for seed in range(8)])

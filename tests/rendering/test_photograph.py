@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.analytic.point_light import point_light_response
+from periscopy_sim.rendering import photograph
 from periscopy_sim.rendering.load import build_scene
 from periscopy_sim.rendering.photograph import path_trace, render_photograph
 from periscopy_sim.rendering.variant import mi
@@ -101,6 +102,17 @@ def test_other_lights_add_up_unless_the_monitor_is_to_shine_alone(room):
     ).reshape(5, 6, 1)
     np.testing.assert_allclose(added, 0.5 / np.pi * response * [0.5, 1, 2], rtol=0.03)
     assert (render_photograph(lit, image, **options) > alone + added).mean() > 0.9
+
+
+def test_wavefronts_average_to_the_same_picture(room, monkeypatch):
+    seen = room.load()
+    scene = build_scene(seen.scene, seen.hidden, {"monitor": np.ones((2, 3, 3))})
+    whole = path_trace(scene, -1, samples=4096, seed=1)
+    monkeypatch.setattr(photograph, "WAVEFRONT", 30 * 1024)
+    fractions = []
+    parts = path_trace(scene, -1, samples=4096, seed=2, progress=fractions.append)
+    assert fractions == [0.25, 0.5, 0.75, 1.0]
+    assert parts.mean() == pytest.approx(whole.mean(), rel=0.02)
 
 
 def test_a_wavefront_is_what_mitsuba_renders(room):
