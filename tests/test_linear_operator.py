@@ -59,8 +59,7 @@ def test_single_precision_stays_single(A):
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
-    [({"hidden": (3, 5)}, "3x5"), ({"photograph_shape": (5, 5)}, r"\(5, 5\)")],
+    ("given", "says"), [({"hidden": (3, 5)}, "3x5"), ({"photograph_shape": (5, 5)}, r"\(5, 5\)")]
 )
 def test_what_does_not_fit_is_refused(A, given, says):
     with pytest.raises(ValueError, match=says):

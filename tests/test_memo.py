@@ -257,14 +257,6 @@ def test_the_cache_is_bounded_and_forgets_what_is_not_used(rendered, user_cache,
 
 
 @pytest.mark.usefixtures("jit")
-def test_light_that_bounces_is_not_added_to_a_direct_matrix():
-    scene = chair()
-    direct = chair().A.copy()
-    replace(scene, light=ps.Light(bounces=2)).A  # noqa: B018
-    assert np.array_equal(scene.A, direct)
-
-
-@pytest.mark.usefixtures("jit")
 def test_a_photograph_may_be_written_into():
     scene, image = chair(), np.ones((4, 5, 3))
     first = scene.photograph(image, bounces=1).values.copy()

@@ -20,7 +20,6 @@ MEASURING = {
     "experiments/benchmarks/fine_grids.py",
     "experiments/benchmarks/scale.py",
 }
-RESERVED = {"con", "prn", "aux", "nul", *(f"{n}{k}" for n in ("com", "lpt") for k in range(1, 10))}
 
 
 @cache
@@ -90,35 +89,3 @@ def test_nothing_of_posix_alone_is_used_where_the_system_is_not_asked():
         and (names := list(posix_only(path.read_text("utf-8"))))
     }
     assert not found
-
-
-def test_what_depends_on_the_machine_is_noticed():
-    for call in ("path.read_text({})", "path.write_text('é', {})", "open(name, {})", "p.open({})"):
-        assert list(unencoded(call.format(""))) == [1], call
-        assert not list(unencoded(call.format("encoding='utf-8'"))), call
-    for source in ("open('file', 'rb')", "path.open(mode='wb')", "Image.open(path)"):
-        assert not list(unencoded(source)), source
-    assert list(posix_only("import fcntl")) == ["1: fcntl"]
-    assert list(posix_only("os.fork()")) == ["1: os.fork"]
-    assert not list(posix_only("if sys.platform != 'win32':\n    os.fork()"))
-
-
-def test_names_of_files_can_lie_on_every_disk():
-    folders = (*FOLDERS, "docs", "tests")
-    made = {ROOT / "docs" / "api" / pages for pages in ("names", "examples")}
-    names = [
-        path.relative_to(ROOT)
-        for folder in folders
-        for path in (ROOT / folder).rglob("*")
-        if "__pycache__" not in path.parts and made.isdisjoint(path.parents)
-    ]
-    assert len(names) > 500
-    folded = {}
-    for name in names:
-        other = folded.setdefault(name.as_posix().lower(), name)
-        assert other == name, f"{name} and {other} are one file on Windows and macOS"
-        for part in name.parts:
-            assert not set(part) & set('<>:"|?*\\'), name
-            assert part.split(".")[0].lower() not in RESERVED, name
-            assert not part.endswith((".", " ")), name
-        assert len(name.as_posix()) < 180, f"{name}: Windows takes 260 characters with its folder"

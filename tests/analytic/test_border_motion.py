@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.analytic.patch_light import (
-    NUMBERS,
-    Lighting,
-    add_light,
-    borders_of,
-    light_derivatives,
-    light_gradient,
-    light_rows,
-)
+from periscopy_sim.analytic import patch_light
 from periscopy_sim.testing import derivative_test
 from tests.scenes.boxes import Box
 
@@ -27,19 +19,21 @@ CORNERS = 2.0 * np.indices((2, 2, 2)).reshape(3, 8).T - 1
 
 def light(points, normals, cells, exponents, meshes):
     out = np.empty((len(points), PATCHES))
-    lit = Lighting(points, normals, cells, exponents)
-    light_rows(lit, borders_of(meshes), SHAPE, CUT, out)
+    lit = patch_light.Lighting(points, normals, cells, exponents)
+    patch_light.light_rows(lit, patch_light.borders_of(meshes), SHAPE, CUT, out)
     return out
 
 
 def derivatives(points, normals, meshes, moved):
     """Derivatives along one move of (points, normals, cells, exponents, vertices)."""
     out = np.empty((1, len(points), PATCHES), np.float32)
-    borders = borders_of(meshes)
+    borders = patch_light.borders_of(meshes)
     *still, vertices = (np.asarray(each)[None] for each in moved)
-    lit = Lighting(points, normals, CELLS, EXPONENTS)
+    lit = patch_light.Lighting(points, normals, CELLS, EXPONENTS)
     moved_vertices = vertices[:, borders.sources]
-    light_derivatives(lit, Lighting(*still), moved_vertices, borders, SHAPE, CUT, out)
+    patch_light.light_derivatives(
+        lit, patch_light.Lighting(*still), moved_vertices, borders, SHAPE, CUT, out
+    )
     return out[0]
 
 
@@ -100,10 +94,10 @@ def test_gradient_is_that_of_the_light(normal):
 
     def lit(values):
         out = np.zeros((6, 5))
-        add_light(*np.split(values, [3, 6, 8]), shadow, out)
+        patch_light.add_light(*np.split(values, [3, 6, 8]), shadow, out)
         return out
 
-    found = np.empty((NUMBERS, 6, 5))
-    light_gradient(*np.split(point, [3, 6, 8]), shadow, found)
+    found = np.empty((patch_light.NUMBERS, 6, 5))
+    patch_light.light_gradient(*np.split(point, [3, 6, 8]), shadow, found)
     assert (lit(point) == 0).any() == (normal[0] == 1.0)
     derivative_test(lit, list(found), point, steps=1e-6, rtol=1e-6)

@@ -5,12 +5,10 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.calibrated_scene import with_defaults, write_copy
 from periscopy_sim.calibration.prior import free_parameters
 from periscopy_sim.calibration.result import ParameterSource
 from periscopy_sim.errors import PhotographError, SceneError
-from periscopy_sim.laboratory.document import EXAMPLE
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.rendering.variant import mi
 from periscopy_sim.scene import CALIBRATED
@@ -192,15 +190,3 @@ def test_photographs_that_show_nothing_are_rejected() -> None:
     ):
         with pytest.raises(PhotographError):
             calibrated(photograph, shown=shown)
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("jit", "quick")
-def test_a_rod_of_the_laboratorys_example_is_calibrated(tmp_path: Path) -> None:
-    scene, *_ = ps.build_laboratory(EXAMPLE, tmp_path / "lab.xml")
-    film, free = {"height": str(SIDE), "width": str(SIDE)}, {"stem_end_x": 0.005}
-    moved = ps.load_scenario(scene, HIDDEN, {**film, "stem_end_x": 0.51})
-    light = (area_transport(moved.averaged(3)) @ WHITE.reshape(-1, 3)).reshape(SIDE, SIDE, 3)
-    y = ps.add_noise(light, 60, 0)
-    found = ps.calibrate(y, scene, HIDDEN, free, parameters=film, shown=[WHITE])
-    assert found.parameters[0].value == pytest.approx(0.51, abs=0.001)

@@ -7,7 +7,6 @@ import periscopy_sim as ps
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.calibration.moving_scene import MovingScene
 from periscopy_sim.calibration.problem import shown_light
-from periscopy_sim.calibration.silhouette import recover_silhouette
 from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.numerics.validation import InputError
 from periscopy_sim.rendering.load import load_scene
@@ -121,28 +120,3 @@ def test_places_and_size_within_each_surface_are_free_in_standard_errors(scene):
         expected = middle + scale * (surface.vertices - middle)
         expected += (across * surface.across + up * surface.up)[0]
         np.testing.assert_allclose(moved[name].vertices, expected, atol=1e-12)
-
-
-@pytest.mark.thorough
-def test_a_silhouette_is_recovered_or_doubted_before_several_surfaces(scene):
-    """The plate fills the middle of a rectangle of 4 x 4 cells twice its size.
-
-    Which pictures lead to it depends on how a processor rounds.
-    """
-    scenario = ps.load_scenario(scene, SIZES)
-    wide = scene.path.read_text().replace('<scale x="0.05" y="0.04"/>', '<scale x="0.1" y="0.08"/>')
-    path = scene.path.with_name("wide.xml")
-    path.write_text(wide)
-    expected = np.zeros((4, 4), bool)
-    expected[1:3, 1:3] = True
-    recovered = []
-    for seed in (3, 5):
-        images = pictures(seed)
-        photographs = [photograph(scenario, image, k) for k, image in enumerate(images)]
-        found = recover_silhouette(photographs, path, SIZES, "plate", (4, 4), shown=images)
-        recovered.append(np.array_equal(found.opaque, expected))
-        assert recovered[-1] or found.doubts
-    assert any(recovered)
-    assert {name: image.shape for name, image in found.image.items()} == {
-        name: (*size, 3) for name, size in SIZES.items()
-    }

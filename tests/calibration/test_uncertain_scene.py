@@ -18,22 +18,6 @@ def chair(jit: None) -> Scenario:  # noqa: ARG001
     return ps.load_scenario("chair", HIDDEN, GIVEN)
 
 
-@pytest.mark.thorough
-def test_slopes_are_differences_of_light_by_rays(chair: Scenario) -> None:
-    errors = {"occluder_dx": 0.004, "monitor_turn": 1.0}
-    uncertain = ps.uncertain_transport(chair, errors)
-    image = np.random.default_rng(0).random((*HIDDEN, 3))
-    lights = uncertain.lights(image)
-    for light, (name, error) in zip(lights, errors.items(), strict=True):
-        sides = [
-            ps.render_transport(chair.at(**{name: sign * error}), samples=1024, seed=5)
-            for sign in (1, -1)
-        ]
-        change = (sides[0].astype(float) - sides[1]) / 2 @ image.reshape(-1, 3)
-        # Probes on patches this large overlook the shadows of thin legs here and there.
-        assert np.linalg.norm(light.T - change) < 0.3 * np.linalg.norm(change)
-
-
 @pytest.mark.parametrize(
     ("errors", "name"),
     [

@@ -16,11 +16,7 @@ def test_axes_are_numbers_or_words_each_named_once():
     assert axes == {
         "occluder_dx": [-0.01, 0.0, 0.01], "hidden": ["9x11", "15x18"], "samples": [16.0, 64.0]
     }  # fmt: skip
-    for entries, offender in (
-        (["a=1", "a=2"], "--vary a"),
-        (["a"], "'a'"),
-        (["a=1,1"], "a '1,1'"),
-    ):
+    for entries, offender in ((["a=1", "a=2"], "--vary a"), (["a"], "'a'"), (["a=1,1"], "a '1,1'")):
         with pytest.raises(PeriscopyError, match=offender):
             parse_axes(entries)
 

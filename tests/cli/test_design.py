@@ -7,7 +7,6 @@ import pytest
 
 import periscopy_sim as ps
 from periscopy_sim.cli.design import MEANINGS
-from periscopy_sim.evaluation import design as designs
 from periscopy_sim.evaluation.design import diagnose
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
@@ -79,31 +78,6 @@ def test_point_that_makes_no_scene_fails_by_name_and_the_rest_go_on(periscopy, t
     assert "'chair_seat'" in rows[1]["failure"] and rows[1]["bound"] == ""
     assert float(rows[2]["bound"]) > 0
     assert "1" in record["failed"] and 1 not in record["ranking"]
-
-
-def test_design_that_stopped_goes_on_and_ends_in_the_same_bytes(
-    periscopy, succeeds, refused, tmp_path, monkeypatch
-):
-    asked = ("--vary", "occluder_dx=-0.05:0.05", "--grid", "3", "--by", "reported")
-    succeeds(*design(*asked, out="whole"))
-    errors_of, count = designs.errors_of, 0
-
-    def stops(*arguments, **more):
-        nonlocal count
-        count += 1
-        if count == 3:  # the first is the given scene
-            raise KeyboardInterrupt
-        return errors_of(*arguments, **more)
-
-    monkeypatch.setattr(designs, "errors_of", stops)
-    assert periscopy(*design(*asked)).code == 130
-    assert len(rows_of(tmp_path / "out")) == 2
-    assert "snr" in refused(*design(*asked, "--snr", "50"))
-    succeeds(*design(*asked))
-    assert count == 3 + 2
-    for name in ("design.csv", "best.xml", "design.json"):
-        whole, resumed = ((tmp_path / each / name).read_bytes() for each in ("whole", "out"))
-        assert whole == resumed, name
 
 
 def test_what_a_user_can_fix_is_one_line(refused):

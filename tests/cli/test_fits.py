@@ -11,16 +11,14 @@ import periscopy_sim as ps
 from periscopy_sim.calibration.calibrated_scene import write_copy
 from periscopy_sim.cli.options import LightOptions
 from periscopy_sim.cli.session import PhotoSession
-from periscopy_sim.errors import SceneError
 from periscopy_sim.judgement import remedies_of
 from periscopy_sim.model.residual import HELPS, Residual
 from periscopy_sim.reconstruction.method import Report
 from periscopy_sim.reconstruction.registry import DEFAULT
 from periscopy_sim.rendering.scene_files import read_document
-from periscopy_sim.rendering.shadow_rays import require_light
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.shipped import find_scene
-from tests.scenes.cards import HIDDEN, SIZES, write_cards
+from tests.scenes.cards import HIDDEN, write_cards
 
 pytestmark = pytest.mark.usefixtures("jit", "few_lights")
 
@@ -80,14 +78,6 @@ def test_a_doubted_calibration_is_a_part_of_the_only_verdict(tmp_path, errors_of
     assert line.startswith("The scene fits") and "not trusted" in line and colour == "red"
     assert [name for name in session.scenario.document.defaults if name in line] == names
     assert session.warnings == [f"y: {line}"] and "warning" not in capfd.readouterr().err
-
-
-def test_light_of_rounding_is_none(tmp_path):
-    scenario = ps.load_scenario(write_cards(tmp_path), SIZES)
-    A = np.full(scenario.transport_shape, 1e-3, np.float32)
-    A[:, scenario.hidden.slices["hidden_card"]] = 1e-20
-    with pytest.raises(SceneError, match="no light of 'hidden_card' reaches the wall"):
-        require_light(A, scenario)
 
 
 def test_surface_whose_light_is_below_the_noise_is_warned_of(tmp_path, capfd):

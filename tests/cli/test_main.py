@@ -94,14 +94,6 @@ def test_error_of_numpy_is_no_mistake_of_the_user(monkeypatch, periscopy, tmp_pa
     assert "preconditioned.py" in trace.read_text() and not Path("out").exists()
 
 
-def test_missing_extra_is_named_before_anything_is_rendered(monkeypatch, refused, tmp_path):
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    monkeypatch.setitem(sys.modules, "zarr", None)
-    monkeypatch.setattr(ps.Scenario, "transport", lambda *_, **__: pytest.fail("rendered"))
-    sweep = ("sweep", "chair", *TINY, "--hidden-image", "bars", "--ambient", "overcast")
-    assert "'.[sweep]'" in refused(*sweep, "--out", str(tmp_path / "sweep"))
-
-
 @pytest.mark.parametrize(
     ("lacking", "extras", "options"),
     [

@@ -9,18 +9,7 @@ import pytest
 import typer
 from rich.markup import render
 
-from periscopy_sim.cli import MODULES, app
-from periscopy_sim.cli.options import (
-    FOR_VIDEOS,
-    OptionGroup,
-    known_errors,
-    parse_definitions,
-    parse_errors,
-    parse_list,
-    parse_ranges,
-    settings_for,
-    with_options_of_groups,
-)
+from periscopy_sim.cli import MODULES, app, options
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.numerics.validation import size_of
 from periscopy_sim.reconstruction.registry import METHODS, Option
@@ -30,10 +19,10 @@ from periscopy_sim.shipped import find_scene
 
 def test_forms_are_read():
     assert size_of("29x36") == size_of("29X36") == (29, 36)
-    assert parse_definitions(["a=1", "b=x=y"]) == {"a": "1", "b": "x=y"}
-    assert parse_definitions(None) == {}
-    assert parse_list("--methods", "a, b") == ["a", "b"]
-    assert parse_errors("a, b=0.5", "--free") == {"a": None, "b": 0.5}
+    assert options.parse_definitions(["a=1", "b=x=y"]) == {"a": "1", "b": "x=y"}
+    assert options.parse_definitions(None) == {}
+    assert options.parse_list("--methods", "a, b") == ["a", "b"]
+    assert options.parse_errors("a, b=0.5", "--free") == {"a": None, "b": 0.5}
 
 
 def test_malformed_list_is_refused_by_name():
@@ -41,13 +30,13 @@ def test_malformed_list_is_refused_by_name():
         (size_of, "29x36x3", "ROWSxCOLUMNS"),
         (size_of, "-1x5", "ROWSxCOLUMNS"),
         (size_of, "9" * 5000 + "x1", "ROWSxCOLUMNS"),
-        (lambda text: parse_definitions([text]), "a=", "'a'"),
-        (lambda text: parse_definitions([text, text]), "a=1", "-D a"),
-        (lambda text: parse_list("--methods", text), "a,,b", "--methods"),
-        (lambda text: parse_errors(text, "--free"), "a,a", "--free a"),
-        (lambda text: parse_errors(text, "--free"), "a=wide", "a=wide"),
-        (lambda text: parse_errors(text, "--free"), "a=١٢", "a=١٢"),
-        (lambda text: parse_ranges(text, "--vary"), "a=0:1e308", "a=0:1e308"),
+        (lambda text: options.parse_definitions([text]), "a=", "'a'"),
+        (lambda text: options.parse_definitions([text, text]), "a=1", "-D a"),
+        (lambda text: options.parse_list("--methods", text), "a,,b", "--methods"),
+        (lambda text: options.parse_errors(text, "--free"), "a,a", "--free a"),
+        (lambda text: options.parse_errors(text, "--free"), "a=wide", "a=wide"),
+        (lambda text: options.parse_errors(text, "--free"), "a=١٢", "a=١٢"),
+        (lambda text: options.parse_ranges(text, "--vary"), "a=0:1e308", "a=0:1e308"),
     ]:
         with pytest.raises(PeriscopyError, match=offender):
             read(text)
@@ -55,15 +44,15 @@ def test_malformed_list_is_refused_by_name():
 
 def test_errors_are_those_given_or_declared():
     chair = read_document(find_scene("chair"))
-    errors = known_errors("occluder_dx,occluder_dz=0.002", chair)
+    errors = options.known_errors("occluder_dx,occluder_dz=0.002", chair)
     assert errors == {"occluder_dx": 0.005, "occluder_dz": 0.002}
     for wrong in ("occluder_dx=-1", "occluder_dx=nan", "resolution"):
         with pytest.raises(PeriscopyError, match=f"{wrong.partition('=')[0]}"):
-            known_errors(wrong, chair)
+            options.known_errors(wrong, chair)
 
 
 @dataclass(frozen=True)
-class Room(OptionGroup):
+class Room(options.OptionGroup):
     width: float
     height: float = 2.0
 
@@ -74,7 +63,7 @@ def test_command_takes_the_options_of_its_groups():
     def command(name: str, room: Annotated[Room, {"width": 3.0}], out: Path) -> None:
         made.append((name, room, out))
 
-    taken = with_options_of_groups(command)
+    taken = options.with_options_of_groups(command)
     parameters = inspect.signature(taken).parameters
     assert list(parameters) == ["name", "width", "height", "out", "quiet", "as_json"]
     assert (parameters["width"].default, parameters["height"].default) == (3.0, 2.0)
@@ -92,10 +81,10 @@ TWO = {
 
 
 def test_defaults_are_those_of_the_method():
-    assert settings_for("first", {}, TWO) == {"weight": 1.0, "l": 2}
-    assert settings_for("second", {"weight": None, "l": None}, TWO) == {"weight": 3.0}
-    assert settings_for("first", {"weight": 0.5, "l": 0}, TWO) == {"weight": 0.5, "l": 0}
-    assert settings_for("mine.py:Own", {"weight": None}, TWO) == {}
+    assert options.settings_for("first", {}, TWO) == {"weight": 1.0, "l": 2}
+    assert options.settings_for("second", {"weight": None, "l": None}, TWO) == {"weight": 3.0}
+    assert options.settings_for("first", {"weight": 0.5, "l": 0}, TWO) == {"weight": 0.5, "l": 0}
+    assert options.settings_for("mine.py:Own", {"weight": None}, TWO) == {}
 
 
 def test_option_of_another_method_is_refused():
@@ -105,19 +94,19 @@ def test_option_of_another_method_is_refused():
         ("first", {"weight": 0.4}),
     ]:
         with pytest.raises(PeriscopyError, match=f"--{next(iter(given))}"):
-            settings_for(method, given, TWO)
+            options.settings_for(method, given, TWO)
 
 
 def test_weights_of_another_coupling_are_left_out():
-    for method in FOR_VIDEOS:
+    for method in options.FOR_VIDEOS:
         for coupling in METHODS[method].video.couplings:
-            settings = settings_for(method, {}, FOR_VIDEOS, coupling)
+            settings = options.settings_for(method, {}, options.FOR_VIDEOS, coupling)
             assert ("l1_weight" in settings) == (coupling == "l1")
     with pytest.raises(PeriscopyError, match="--l1-weight"):
-        settings_for("preconditioned", {"l1_weight": 1.0}, FOR_VIDEOS, "none")
+        options.settings_for("preconditioned", {"l1_weight": 1.0}, options.FOR_VIDEOS, "none")
     for method, coupling in (("magic", "l1"), ("noise-aware", "total-variation")):
         with pytest.raises(PeriscopyError, match=method):
-            settings_for(method, {}, FOR_VIDEOS, coupling)
+            options.settings_for(method, {}, options.FOR_VIDEOS, coupling)
 
 
 def test_every_number_has_a_finite_range_and_is_not_nan():

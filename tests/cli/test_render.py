@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from periscopy_sim.measurement import composite
-from periscopy_sim.shipped import find_scene
 from periscopy_sim.storage.rasters import read_exr
 
 pytestmark = pytest.mark.usefixtures("jit")
@@ -55,21 +54,6 @@ def test_a_camera_mixes_the_scenes_light_not_its_own_photograph(shoot, refused, 
     np.save(tmp_path / "m.npy", np.eye(4, 3))
     options = "--colour-matrix", "m.npy", "--out", "four.exr"
     assert "m.npy: give three rows" in refused("photograph", "chair", "bars", *PHOTO, *options)
-
-
-@pytest.mark.usefixtures("few_paths")
-def test_a_camera_mixes_the_light_of_ones_own_scene_file_too(shoot, tmp_path):
-    np.save(tmp_path / "m.npy", [[0.7, 0.25, 0.05], [0.2, 1.0, 0.3], [0.0, 0.3, 1.2]])
-    sky = find_scene("ambient/overcast")
-    options = "--colour-matrix", "m.npy", "--sbr", "0.2", "--target", "0.2", "--ambient"
-    np.testing.assert_array_equal(shoot(*options, str(sky)), shoot(*options, "overcast"))
-
-
-@pytest.mark.thorough
-def test_shipped_ambient_light_is_path_traced_by_its_name(shoot):
-    signal, y = shoot(), shoot("--ambient", "overcast", "--sbr", "0.5", "--target", "0.2")
-    rest = y - signal * (1 / 3 / signal.mean())
-    assert rest.mean() == pytest.approx(2 / 3, rel=1e-3) and rest.min() > 0
 
 
 def test_impossible_light_is_refused(refused, tmp_path):

@@ -77,13 +77,6 @@ def test_file_that_cannot_be_is_refused_by_name(session, saved, place):
         session.wall(wrong if place == "photograph" else right)
 
 
-def test_monitor_off_photograph_of_other_channels_is_refused_by_name(session, saved):
-    right, grey = saved(right=np.ones((24, 24, 3))), saved(grey=np.ones((24, 24)))
-    session.monitor_off = [grey]
-    with pytest.raises(PeriscopyError, match=r"grey\.npy: .* one camera"):
-        session.wall(right)
-
-
 def test_monitor_off_photographs_are_projected_out(
     reconstruct, saved, photographs, scenario, transport, clip
 ):

@@ -8,9 +8,6 @@ import pytest
 import xarray as xr
 
 import periscopy_sim as ps
-from periscopy_sim.cli.laboratory import write_view
-from periscopy_sim.cli.session import Session
-from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.storage.rasters import write_exr
 from tests.scenes.cards import HIDDEN, SIZES, write_cards
 
@@ -147,16 +144,6 @@ def test_data_set_has_images_of_each_surface(scene, succeeds, tmp_path):
     assert {f"00000000_hidden_{name}.exr" for name in IDS} < files and "sheet.png" in files
 
 
-def test_data_set_of_an_unknown_surface_names_the_others(scene, refused, tmp_path):
-    text = f"{{count: 2, hidden: {{card: 3x4}}, scenes: [{{scene: {scene}}}],"
-    rest = " hidden_images: [{kind: smooth}], ambient: [{kind: none}], samples_per_geometry: 50}"
-    (tmp_path / "data.yaml").write_text(text + rest)
-    line = refused("dataset", "data.yaml", "--out", "data.zarr")
-    assert "'monitor', 'hidden_card', no 'card'" in line
-    (tmp_path / "data.yaml").write_text(text.replace("3x4", "3") + rest)
-    assert "line 1, hidden.card: '3' is not a size" in refused("dataset", "data.yaml", "--out", "d")
-
-
 def test_an_id_that_cannot_name_a_file_is_refused(scene, refused, tmp_path):
     text = (tmp_path / scene).read_text().replace('id="hidden_card"', 'id="hidden/card"')
     (tmp_path / scene).write_text(text)
@@ -164,39 +151,3 @@ def test_an_id_that_cannot_name_a_file_is_refused(scene, refused, tmp_path):
     assert "'hidden/card'" in refused(
         "reconstruct", "y.npy", "--scene", scene, *sizes, "--out", "o"
     )
-
-
-@pytest.mark.thorough
-def test_calibrate_takes_a_picture_of_each_surface(scene, succeeds, refused, tmp_path):
-    moved = ps.load_scenario(tmp_path / scene, SIZES, {"occluder_dx": 0.004})
-    y = (ps.transport(moved) @ moved.hidden.vector(IMAGES)).reshape(24, 24, 3)
-    np.save(tmp_path / "moved.npy", ps.add_noise(y, 60, 0))
-    shown = ",".join(f"{name}={name}.npy" for name in IDS)
-    given = ("calibrate", "moved.npy", "--scene", scene, *HIDDEN, "--free", "occluder_dx=0.005")
-    succeeds(*given, "--shown", shown, "--out", "found.xml")
-    record = json.loads((tmp_path / "found.json").read_text())
-    assert record["parameters"]["occluder_dx"]["value"] == pytest.approx(0.004, abs=2e-4)
-    assert np.array(record["colour_matrix"]) == pytest.approx(np.eye(3), abs=0.05)
-    assert record["hidden_shape"] == {name: [*size] for name, size in SIZES.items()}
-    line = refused(*given, "--shown", "bars", "--out", "no.xml")
-    assert line == "--shown bars: write --shown monitor=... --shown hidden_card=..."
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("few_paths")
-def test_commands_without_an_image_need_no_grids(scene, succeeds, tmp_path):
-    succeeds("draw", scene, "--out", "scene.png")
-    succeeds("ambient", "overcast", "--scene", scene, "--target", "1", "--out", "ambient")
-    succeeds("prepare", "y.npy", "--scene", scene, "--out", "wall.exr")
-    assert {"scene.png", "ambient", "wall.exr"} < {path.name for path in tmp_path.iterdir()}
-
-
-def test_page_writes_each_surface(scene, tmp_path):
-    two = ps.load_scenario(tmp_path / scene, SIZES)
-    pictures = SizedLaboratory(two, is_coarse=True).fit(Choice({}, "bars")).pictures()
-    session = Session(str(tmp_path / scene), list(HIDDEN[1::2]))
-    write_view(tmp_path / "view", session, pictures, None)
-    files = {path.name for path in (tmp_path / "view").iterdir()}
-    assert of_each("reconstruction", "npy", "png") | {"hidden.glb", "photograph.exr"} < files
-    record = json.loads((tmp_path / "view" / "view.json").read_text())
-    assert record["hidden_shape"] == {name: list(size) for name, size in SIZES.items()}

@@ -1,6 +1,5 @@
 import json
 import socket
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -19,11 +18,6 @@ from periscopy_sim.storage.rasters import read_exr
 pytestmark = pytest.mark.usefixtures("jit")
 SIZE = ("--hidden", "3x4")
 SESSION = Session("plate", ["3x4"])
-
-
-def test_missing_extra_is_named(monkeypatch, refused):
-    monkeypatch.setitem(sys.modules, "websockets", None)
-    assert "'.[live]'" in refused("view", "plate", *SIZE)
 
 
 def test_what_cannot_be_viewed_is_refused_in_a_line(refused, tmp_path):

@@ -116,10 +116,7 @@ def test_wrong_views_are_named(scene, refused, tmp_path):
         ("left.npy --camera middle", r"'middle' \('left', 'right'\)"),
         ("left.npy right.npy --camera left", "photographs: 2, cameras: left; .* --camera"),
         ("left.npy right.npy --camera left --camera left", "cameras: left, left"),
-        (
-            "left.npy right.npy --camera left --camera a/../../x",
-            "'a/[./]*x': give it an id",
-        ),
+        ("left.npy right.npy --camera left --camera a/../../x", "'a/[./]*x': give it an id"),
         ("left.npy --camera left --camera right", "photographs: 1, cameras: left, right"),
         ("left.npy right.npy {} --mask left_mask.png", "--mask left=... --mask right=..."),
         ("left.npy right.npy {} --monitor-off middle=left.npy", "--monitor-off middle=left.npy"),

@@ -7,16 +7,7 @@ from pydantic import TypeAdapter, ValidationError
 from ruamel.yaml import YAML
 from scipy import stats
 
-from periscopy_sim.dataset.configuration import (
-    EXAMPLE,
-    Configuration,
-    Distribution,
-    HiddenSource,
-    _polygon,
-    load_configuration,
-    pictures_in,
-    within,
-)
+from periscopy_sim.dataset import configuration
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.storage.yaml_document import Strict
 
@@ -25,7 +16,7 @@ SHAPES = [(29, 36), (36, 29), (1, 1), (1, 7), (5, 1), (2, 90)]
 
 
 def source(**entries):
-    return TypeAdapter(HiddenSource).validate_python(entries)
+    return TypeAdapter(configuration.HiddenSource).validate_python(entries)
 
 
 def clip(kind, seed=0, shape=(29, 36), frames=1, **entries):
@@ -52,7 +43,7 @@ def test_clip_follows_from_the_seed_alone():
 def test_a_disk_has_the_area_and_the_place_that_it_should():
     angle = 2 * np.pi * np.arange(400) / 400
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    covered = _polygon(0.3 * circle + (0.7, 0.45), (40, 60))[..., 0]
+    covered = configuration._polygon(0.3 * circle + (0.7, 0.45), (40, 60))[..., 0]
     y, x = (np.arange(40) + 0.5) / 40, (np.arange(60) + 0.5) / 40
     assert covered.sum() / 40**2 == pytest.approx(np.pi * 0.3**2, rel=0.02)
     assert (covered * x).sum() / covered.sum() == pytest.approx(0.7, abs=0.003)
@@ -121,7 +112,7 @@ def test_pictures_of_a_folder_are_all_drawn_and_flipped_if_asked(tmp_path):
 
 def test_folders_without_pictures_and_black_pictures_are_refused(tmp_path):
     with pytest.raises(ConfigurationError, match="holds no pictures"):
-        pictures_in(str(tmp_path))
+        configuration.pictures_in(str(tmp_path))
     save(tmp_path / "black/x.png", np.zeros((4, 4, 3), np.uint8))
     with pytest.raises(ConfigurationError, match="is black"):
         clip("folder", folder=str(tmp_path / "black"))
@@ -147,13 +138,15 @@ def written(tmp_path, text):
 
 
 def test_defaults_that_the_example_shows_are_those_of_the_code():
-    entries = YAML(typ="safe").load(EXAMPLE.read_text("utf-8"))
-    least = Configuration.model_validate(YAML(typ="safe").load(LEAST))
-    shown = Configuration.model_validate(entries)
+    entries = YAML(typ="safe").load(configuration.EXAMPLE.read_text("utf-8"))
+    least = configuration.Configuration.model_validate(YAML(typ="safe").load(LEAST))
+    shown = configuration.Configuration.model_validate(entries)
     for name in ("seed", "samples_per_shard", "clip_length", "splits", "light", "sbr", "snr",
                  "exposure", "saturation", "photograph_type", "keep_background"):  # fmt: skip
         assert getattr(shown, name) == getattr(least, name), name
-    assert re.search(r"samples_per_geometry: 250 .*\(default 1000\)", EXAMPLE.read_text("utf-8"))
+    assert re.search(
+        r"samples_per_geometry: 250 .*\(default 1000\)", configuration.EXAMPLE.read_text("utf-8")
+    )
     assert least.samples_per_geometry == 1000
     for sources in ("hidden_images", "ambient"):
         for given, source in zip(entries[sources], getattr(shown, sources), strict=True):
@@ -165,12 +158,12 @@ def test_defaults_that_the_example_shows_are_those_of_the_code():
 
 
 def test_what_the_example_leaves_in_comments_is_valid_too():
-    text = EXAMPLE.read_text("utf-8")
+    text = configuration.EXAMPLE.read_text("utf-8")
     lines = [re.sub(r"^( +)# ( *[-a-z])", r"\1\2", line) for line in text.splitlines()]
     found = YAML(typ="safe").load("\n".join(lines))
     kinds = [entry["kind"] for entry in found["hidden_images"] + found["ambient"]]
     assert {"folder", "conditions", "pictures"} <= set(kinds)
-    Configuration.model_validate(found)
+    configuration.Configuration.model_validate(found)
 
 
 MISTAKES = [
@@ -194,7 +187,7 @@ MISTAKES = [
 def test_mistakes_are_told_with_their_line(tmp_path):
     for change, message in MISTAKES:
         with pytest.raises(ConfigurationError, match=message) as caught:
-            load_configuration(written(tmp_path, LEAST + change + "\n"))
+            configuration.load_configuration(written(tmp_path, LEAST + change + "\n"))
         assert "\n" not in str(caught.value) and "Input" not in str(caught.value)
 
 
@@ -204,7 +197,7 @@ def draws(drawn, count=4000):
 
 
 def distribution_of(given):
-    return Distribution.model_validate(given)
+    return configuration.Distribution.model_validate(given)
 
 
 # Kolmogorov-Smirnov at 1e-4, one seed: each fails for a right distribution once in 10,000 seeds.
@@ -240,7 +233,7 @@ def test_other_entries_are_rejected():
 
 def test_quantities_that_could_leave_the_range_are_refused():
     class Model(Strict):
-        share: within(0, 1)
+        share: configuration.within(0, 1)
 
     assert Model.model_validate({"share": {"uniform": [0, 1]}}).share.bounds == (0, 1)
     for given in (1.5, {"uniform": [0.5, 1.5]}, {"normal": [0.5, 0.1]}, {"choice": [0, -1]}):

@@ -1,6 +1,3 @@
-import threading
-import time
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -63,23 +60,6 @@ def test_workers_of_a_dask_cluster_make_the_same_bytes(configured, whole, tmp_pa
     local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(processes=False, silence_logs=50, **local) as cluster:
         make_dataset(configured(), tmp_path / "d.zarr", scheduler=cluster.scheduler_address)
-    assert contents(tmp_path / "d.zarr") == contents(whole)
-
-
-@pytest.mark.thorough
-def test_workers_that_come_and_go_make_the_same_bytes(configured, whole, tmp_path):
-    """There are none until a task comes, and they go as soon as they are idle."""
-    distributed = pytest.importorskip("distributed")
-    local = {"n_workers": 0, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
-    with distributed.LocalCluster(processes=False, silence_logs=50, **local) as cluster:
-        changes = cluster.adapt(minimum=0, maximum=2, interval="50ms", wait_count=1).log
-        address = cluster.scheduler_address
-        for count in (20, 46):
-            make_dataset(configured(), f"file://{tmp_path}/d.zarr", count=count, scheduler=address)
-            end = time.monotonic() + 60
-            while cluster.scheduler.workers and time.monotonic() < end:
-                time.sleep(0.05)
-    assert [change["status"] for _, change in changes].count("down") > 1
     assert contents(tmp_path / "d.zarr") == contents(whole)
 
 
@@ -180,17 +160,3 @@ def test_walls_of_many_colours_are_lit_alike_in_a_run_that_goes_on(configured, t
     ratio = (lit[:, 0] / lit[:, 2]) / (red / 0.5)
     for source in ("overcast", "light"):
         assert np.ptp(ratio[data.ambient.values == source]) < 1e-4
-
-
-@pytest.mark.thorough
-def test_threads_that_make_at_once_make_the_same(configured, whole, tmp_path):
-    threads = [
-        threading.Thread(target=make_dataset, args=(configured(), tmp_path / f"{k}.zarr"))
-        for k in range(2)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for k in range(2):
-        assert contents(tmp_path / f"{k}.zarr") == contents(whole)

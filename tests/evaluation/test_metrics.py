@@ -6,15 +6,7 @@ import pytest
 from scipy import optimize
 from skimage.metrics import peak_signal_noise_ratio
 
-from periscopy_sim.evaluation.metrics import (
-    colour_matched_psnr,
-    covered,
-    gain_matched,
-    psnr,
-    psnr_gain_matched,
-    registered,
-    shifted,
-)
+from periscopy_sim.evaluation import metrics
 
 SHAPE = (6, 8, 3)
 
@@ -28,20 +20,20 @@ def images(seed=0, shape=SHAPE):
 
 def test_psnr_is_that_of_scikit_image_and_of_no_other_shape():
     estimate, truth = images()
-    assert psnr(estimate, truth) == pytest.approx(
+    assert metrics.psnr(estimate, truth) == pytest.approx(
         peak_signal_noise_ratio(truth, estimate, data_range=1)
     )
     with pytest.raises(ValueError, match="shape"):
-        psnr(estimate[..., :1], truth)
+        metrics.psnr(estimate[..., :1], truth)
 
 
 def test_colour_matched_psnr_forgives_any_mixture_of_colours():
     _, truth = images()
     mixed = truth @ np.array([[0.7, 0.2, 0], [0.25, 1, 0.3], [0.05, 0.3, 1.2]])
-    assert colour_matched_psnr(mixed, truth) > 200 > psnr_gain_matched(mixed, truth)
+    assert metrics.colour_matched_psnr(mixed, truth) > 200 > metrics.psnr_gain_matched(mixed, truth)
     noisy = truth + 0.1 * np.random.default_rng(1).normal(size=truth.shape)
-    assert colour_matched_psnr(noisy @ np.diag([1, 2, 3]), truth) == pytest.approx(
-        colour_matched_psnr(noisy, truth)
+    assert metrics.colour_matched_psnr(noisy @ np.diag([1, 2, 3]), truth) == pytest.approx(
+        metrics.colour_matched_psnr(noisy, truth)
     )
 
 
@@ -76,7 +68,7 @@ def loop_psnr(estimate, truth):
 @pytest.mark.parametrize("seed", range(5))
 def test_gain_of_each_channel_fits_the_truth_best(seed):
     estimate, truth = images(seed)
-    matched = gain_matched(estimate, truth)
+    matched = metrics.gain_matched(estimate, truth)
     positive = np.where(estimate > 0, estimate, 0)
     for c in range(3):
         (gain,), *_ = np.linalg.lstsq(positive[..., c].reshape(-1, 1), truth[..., c].ravel())
@@ -88,9 +80,9 @@ def test_gain_of_each_channel_fits_the_truth_best(seed):
 @pytest.mark.parametrize("level", [0.0, -1.0])
 def test_channel_without_light_stays_black(level):
     estimate, truth = images()
-    whole = gain_matched(estimate, truth)
+    whole = metrics.gain_matched(estimate, truth)
     estimate[..., 1] = level
-    matched = gain_matched(estimate, truth)
+    matched = metrics.gain_matched(estimate, truth)
     np.testing.assert_array_equal(matched[..., 1], 0)
     np.testing.assert_array_equal(matched[..., [0, 2]], whole[..., [0, 2]])
 
@@ -100,7 +92,7 @@ def test_channel_without_light_stays_black(level):
 )
 def test_shift_interpolates_linearly_with_zeros_outside(down, right):
     image = images()[0]
-    moved = shifted(image, down, right)
+    moved = metrics.shifted(image, down, right)
     np.testing.assert_allclose(moved, loop_shift(image, down, right), atol=1e-12)
 
 
@@ -114,7 +106,7 @@ def framed(seed=0):
 @pytest.mark.parametrize(("down", "right"), [(-2, 0), (0, 2), (1, -1)])
 def test_registration_undoes_a_shift_by_whole_patches(down, right):
     truth = framed()
-    result = registered(5 * np.roll(truth, (down, right), axis=(0, 1)), truth)
+    result = metrics.registered(5 * np.roll(truth, (down, right), axis=(0, 1)), truth)
     assert result.shift == (-down, -right)
     assert result.at_limit == (max(abs(down), abs(right)) == 2)
     assert result.psnr > 250
@@ -130,7 +122,7 @@ def test_registration_is_the_best_of_the_whole_grid():
         for right in steps
     }
     best = max(scores, key=scores.get)
-    result = registered(estimate, truth)
+    result = metrics.registered(estimate, truth)
     assert result.shift == best
     assert result.psnr == pytest.approx(scores[best], abs=1e-6)
     error = np.mean((result.image - truth) ** 2)
@@ -142,8 +134,8 @@ def test_shares_within_standard_errors_are_those_of_normal_errors():
     truth = rng.uniform(0, 1, (60, 70, 3))
     errors = rng.uniform(0.2, 1, truth.shape)  # as large as the image
     image = [2, 3, 0.5] * (truth + errors * rng.standard_normal(truth.shape))
-    found = covered(image, [2, 3, 0.5] * errors, truth)
+    found = metrics.covered(image, [2, 3, 0.5] * errors, truth)
     # 12,600 normal errors: 4 standard errors of a share, once in 16,000 seeds.
     assert found["covered_1"] == pytest.approx(0.6827, abs=0.017)
     assert found["covered_2"] == pytest.approx(0.9545, abs=0.008)
-    assert covered(image, np.zeros_like(errors), truth)["covered_2"] == 0
+    assert metrics.covered(image, np.zeros_like(errors), truth)["covered_2"] == 0

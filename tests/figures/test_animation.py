@@ -5,13 +5,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from periscopy_sim.errors import PeriscopyError
-from periscopy_sim.figures.animation import (
-    ENCODINGS,
-    draw_animation,
-    draw_sheet,
-    require_encoder,
-    side_by_side,
-)
+from periscopy_sim.figures import animation
 from periscopy_sim.storage.rasters import srgb_bytes
 from tests.scenes.pictures import box, covers
 
@@ -26,7 +20,7 @@ def plain(colour, shape=(4, 5)):
 
 
 def draw(path, frames, rate=16.0, titles=("left", "right")):
-    draw_animation(path, titles, frames, rate=rate, metadata=METADATA)
+    animation.draw_animation(path, titles, frames, rate=rate, metadata=METADATA)
     with Image.open(path) as picture:
         shown = [
             (frame.info.get("duration"), np.asarray(frame.convert("RGB")).astype(int))
@@ -78,7 +72,9 @@ av = pytest.importorskip("av")
 @pytest.mark.usefixtures("drawings")
 def test_sheet_has_hidden_images_above_reconstructions_and_frames_in_order(tmp_path):
     truth = np.array([plain(0.8 * colour) for colour in COLOURS])
-    draw_sheet(tmp_path / "sheet.png", 0 * truth + 0.5, {"m": truth}, {"m": 2 * truth}, METADATA)
+    animation.draw_sheet(
+        tmp_path / "sheet.png", 0 * truth + 0.5, {"m": truth}, {"m": 2 * truth}, METADATA
+    )
     with Image.open(tmp_path / "sheet.png") as picture:
         pixels, text = np.asarray(picture.convert("RGB")).astype(int), dict(picture.text)
     assert METADATA.items() <= text.items()
@@ -96,10 +92,10 @@ def frames(count, size=(7, 9)):
     return [[rng.uniform(0, 1, (*size, 3)), np.full((*size, 3), k / count)] for k in range(count)]
 
 
-@pytest.mark.parametrize("ending", ENCODINGS)
+@pytest.mark.parametrize("ending", animation.ENCODINGS)
 def test_video_shows_every_frame_at_its_time_in_its_colours(ending, tmp_path):
     path, drawn = tmp_path / f"video.{ending}", frames(10)
-    draw_animation(path, ["one", "two"], drawn, rate=12.5, metadata={"seed": "3"})
+    animation.draw_animation(path, ["one", "two"], drawn, rate=12.5, metadata={"seed": "3"})
     with av.open(str(path)) as container:
         (stream,) = container.streams.video
         assert float(stream.average_rate) == pytest.approx(12.5)
@@ -113,7 +109,7 @@ def test_video_shows_every_frame_at_its_time_in_its_colours(ending, tmp_path):
     for frame, images in zip(decoded, drawn, strict=True):
         shown = frame.to_ndarray(format="rgb24").astype(float)
         rows, columns, _ = shown.shape
-        difference = shown - side_by_side(["one", "two"], images)[:rows, :columns]
+        difference = shown - animation.side_by_side(["one", "two"], images)[:rows, :columns]
         assert abs(difference.mean(axis=(0, 1))).max() < 2
         assert np.median(abs(difference)) < 4
 
@@ -124,13 +120,13 @@ def test_video_that_fails_leaves_nothing(tmp_path):
         raise RuntimeError("no more")
 
     with pytest.raises(RuntimeError, match="no more"):
-        draw_animation(tmp_path / "video.mp4", ["x", "y"], broken(), rate=16)
+        animation.draw_animation(tmp_path / "video.mp4", ["x", "y"], broken(), rate=16)
     assert not list(tmp_path.iterdir())
 
 
 def test_what_cannot_be_encoded_is_refused(monkeypatch):
     with pytest.raises(PeriscopyError, match="'gif'"):
-        require_encoder("gif")
-    monkeypatch.setitem(ENCODINGS, "mp4", ("libnone", {}))
+        animation.require_encoder("gif")
+    monkeypatch.setitem(animation.ENCODINGS, "mp4", ("libnone", {}))
     with pytest.raises(PeriscopyError, match="has no encoder libnone"):
-        require_encoder("mp4")
+        animation.require_encoder("mp4")

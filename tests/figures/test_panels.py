@@ -1,14 +1,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.figures.panels import (
-    displayable,
-    draw_bounds,
-    draw_certainty,
-    draw_panels,
-    draw_residual,
-    write_enlarged,
-)
+from periscopy_sim.figures import panels
 from periscopy_sim.model.residual import Residual
 from tests.scenes.pictures import covers, read
 
@@ -20,7 +13,7 @@ def test_panels_of_different_shapes_show_their_images_in_srgb(tmp_path):
     # Linear 0.2140 is 0.5 in sRGB, 1 is 1, 0.0513 is 0.25.
     wide = np.broadcast_to([0.21404, 1.0, 0.0], (4, 16, 3))
     tall = np.broadcast_to([0.0, 0.05127, 1.0], (12, 4, 3))
-    draw_panels(path, [("wide", wide), ("tall", tall)], caption="c", metadata=METADATA)
+    panels.draw_panels(path, [("wide", wide), ("tall", tall)], caption="c", metadata=METADATA)
     text, pixels = read(path)
     assert METADATA.items() <= text.items()
     first, second = covers(pixels, [127.5, 255, 0]), covers(pixels, [0, 63.8, 255])
@@ -41,7 +34,7 @@ def test_pictures_of_other_channels_are_grey_or_show_the_first_three(tmp_path):
         bands = np.array([0.21404, 0.05127, 1.0, 0.9, 0.9])[:channels]
         if channels == 2:
             bands = np.array([0.21404, 0.21404])
-        draw_panels(tmp_path / "p.png", [("p", np.broadcast_to(bands, (8, 8, channels)))])
+        panels.draw_panels(tmp_path / "p.png", [("p", np.broadcast_to(bands, (8, 8, channels)))])
         _, pixels = read(tmp_path / "p.png")
         shown = [127.5] * 3 if channels < 3 else [127.5, 63.8, 255]
         assert covers(pixels, shown).sum() > 0.4 * pixels.shape[0] * pixels.shape[1]
@@ -49,18 +42,20 @@ def test_pictures_of_other_channels_are_grey_or_show_the_first_three(tmp_path):
 
 def test_strips_are_stretched_to_a_legible_height(tmp_path):
     strip = np.random.default_rng(0).uniform(size=(1, 60, 1))
-    write_enlarged(tmp_path / "strip.png", displayable(strip), {})
+    panels.write_enlarged(tmp_path / "strip.png", panels.displayable(strip), {})
     _, pixels = read(tmp_path / "strip.png")
     assert pixels.shape == (180, 720, 3)
     assert (pixels == pixels[:1]).all() and len(np.unique(pixels[0], axis=0)) > 40
-    draw_certainty(tmp_path / "c.png", {"monitor": strip}, {"monitor": strip}, "all is right")
+    panels.draw_certainty(
+        tmp_path / "c.png", {"monitor": strip}, {"monitor": strip}, "all is right"
+    )
     _, pixels = read(tmp_path / "c.png")
     assert pixels.shape[1] < 8 * pixels.shape[0]
 
 
 def test_bounds_share_one_logarithmic_scale_and_their_ratio_has_its_own(tmp_path, saved):
     alone, both = {"a": np.array([[0.01, 0.1]])}, {"a": np.array([[0.02, 1.0]])}
-    draw_bounds(tmp_path / "bounds.png", alone, both)
+    panels.draw_bounds(tmp_path / "bounds.png", alone, both)
     first, second, ratio = saved[0].axes[:3]
     for ax, values in ((first, [[1, 10]]), (second, [[2, 100]])):
         (picture,) = ax.images
@@ -68,12 +63,12 @@ def test_bounds_share_one_logarithmic_scale_and_their_ratio_has_its_own(tmp_path
         np.testing.assert_allclose(picture.get_array(), values)
     np.testing.assert_allclose(ratio.images[0].get_array(), [[2, 10]])
     constant = {"a": np.full((3, 4), 1e-9)}
-    draw_bounds(tmp_path / "constant.png", constant, constant)
+    panels.draw_bounds(tmp_path / "constant.png", constant, constant)
 
 
 @pytest.mark.parametrize("values", [np.zeros((3, 4)), np.full((3, 4), np.inf), np.eye(3)])
 def test_bounds_that_no_scale_shows_are_hatched_and_the_caption_says_so(values, tmp_path, saved):
-    draw_bounds(tmp_path / "bounds.png", {"a": values}, {"a": values}, caption="bounds")
+    panels.draw_bounds(tmp_path / "bounds.png", {"a": values}, {"a": values}, caption="bounds")
     assert "bounds; hatched: no bound above 0" in saved[0].get_supxlabel().replace("\n", " ")
     known = values == 1
     for ax in saved[0].axes[:3]:
@@ -84,7 +79,7 @@ def test_bounds_that_no_scale_shows_are_hatched_and_the_caption_says_so(values, 
 def test_unknown_pixels_are_hatched_in_light_and_in_maps(tmp_path, saved):
     light = np.full((6, 8, 3), 0.5)
     light[:3] = np.nan
-    draw_panels(tmp_path / "a.png", [("known", np.full((6, 8, 3), 0.5)), ("half", light)])
+    panels.draw_panels(tmp_path / "a.png", [("known", np.full((6, 8, 3), 0.5)), ("half", light)])
     known, half = saved[0].axes
     assert len(known.images) == 1 and len(half.images) == 2
     assert len(np.unique(half.images[1].get_array())) == 2
@@ -96,7 +91,7 @@ def test_certainty_shows_the_errors_in_percent_and_what_they_assume(saved, tmp_p
     image = np.full((*shape, 3), 4.0)
     errors = np.zeros((*shape, 3))
     errors[2, 3] = (0.1, 0.2, 0.2)
-    draw_certainty(
+    panels.draw_certainty(
         tmp_path / "certainty.png", {"monitor": image}, {"monitor": errors}, "the scene is right"
     )
     (figure,) = saved
@@ -122,7 +117,7 @@ def residual(noise_alone=0.1):
 @pytest.mark.parametrize("noise_alone", [0.1, None])
 def test_map_is_signed_over_noise_or_in_percent(noise_alone, tmp_path, saved):
     given = residual(noise_alone)
-    draw_residual(tmp_path / "r.png", PHOTOGRAPH, given, "a caption")
+    panels.draw_residual(tmp_path / "r.png", PHOTOGRAPH, given, "a caption")
     (figure,) = saved
     picture = figure.axes[1].images[0]
     shown = np.ma.filled(picture.get_array(), np.nan)

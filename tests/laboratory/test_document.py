@@ -1,17 +1,11 @@
 import pytest
 
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.document import (
-    ANGLES,
-    LENGTHS,
-    Measured,
-    load_laboratory,
-    parse_quantity,
-)
+from periscopy_sim.laboratory import document
 
 
 def length(given):
-    return parse_quantity(given, LENGTHS, "12.5 cm +- 3 mm")
+    return document.parse_quantity(given, document.LENGTHS, "12.5 cm +- 3 mm")
 
 
 def test_length_is_read_in_metres_and_rounded_once():
@@ -25,14 +19,14 @@ def test_length_is_read_in_metres_and_rounded_once():
         ("1 in", 0.0254, None),
         ("2 ft +- 1 in", 0.6096, 0.0254),
     ]:
-        assert length(text) == Measured(value, error)
+        assert length(text) == document.Measured(value, error)
 
 
 def test_angles_and_bare_numbers():
     for text in ("-12 deg +- 1 deg", "-12° ± 1°", "-12 degrees +- 1 degree"):
-        assert parse_quantity(text, ANGLES, "30 deg") == Measured(-12, 1)
-    assert parse_quantity("18 +- 2", {}, "18 +- 2") == Measured(18, 2)
-    assert parse_quantity(18, {}, "18 +- 2") == Measured(18, None)
+        assert document.parse_quantity(text, document.ANGLES, "30 deg") == document.Measured(-12, 1)
+    assert document.parse_quantity("18 +- 2", {}, "18 +- 2") == document.Measured(18, 2)
+    assert document.parse_quantity(18, {}, "18 +- 2") == document.Measured(18, None)
 
 
 def test_what_is_no_length_is_refused():
@@ -76,9 +70,9 @@ def written(tmp_path, text):
 
 
 def test_least_laboratory(tmp_path):
-    found = load_laboratory(written(tmp_path, LEAST))
-    assert found.wall.distance == Measured(1.0, None) and found.camera.film == (12, 16)
-    assert found.monitor.turn == Measured(0.0, 0.0) and found.monitor.falloff is None
+    found = document.load_laboratory(written(tmp_path, LEAST))
+    assert found.wall.distance == document.Measured(1.0, None) and found.camera.film == (12, 16)
+    assert found.monitor.turn == document.Measured(0.0, 0.0) and found.monitor.falloff is None
     assert found.occluders == () and found.folder == tmp_path.resolve()
 
 
@@ -98,7 +92,7 @@ def test_mistakes_are_told_with_their_line(tmp_path):
     ]:
         assert old in LEAST
         with pytest.raises(ConfigurationError, match=message) as caught:
-            load_laboratory(written(tmp_path, LEAST.replace(old, new, 1)))
+            document.load_laboratory(written(tmp_path, LEAST.replace(old, new, 1)))
         assert "\n" not in str(caught.value)
 
 
@@ -128,14 +122,14 @@ def test_mistakes_of_occluders_are_told(tmp_path):
         (BOX.replace("NAME", "b") + f", {BOX.replace('NAME', 'b')}", "called 'b'"),
     ]:
         with pytest.raises(ConfigurationError, match=message):
-            load_laboratory(written(tmp_path, f"{LEAST}occluders: [{entry}]\n"))
+            document.load_laboratory(written(tmp_path, f"{LEAST}occluders: [{entry}]\n"))
 
 
 def test_every_mistake_is_told_at_once(tmp_path):
     text = LEAST.replace("width: 40 cm", "widht: 40 cm").replace("distance: 1 m", "distance: .nan")
     text = text.replace("height: 30", "height: .inf").replace("angle: 1", "angle: nan")
     with pytest.raises(ConfigurationError) as caught:
-        load_laboratory(written(tmp_path, text))
+        document.load_laboratory(written(tmp_path, text))
     for part in (
         *("line 1, errors.angle", "line 2, wall.distance", "line 7, camera.widht"),
         *("line 8, camera.height", "line 10, monitor.widht", "line 11, monitor.height"),
@@ -149,7 +143,10 @@ def test_field_of_view_is_an_angle_between_0_and_180_degrees(tmp_path):
          target: [0 m, 0 m], field_of_view: %s}
 """
     text = LEAST.replace(LEAST[LEAST.index("camera") : LEAST.index("monitor")], camera)
-    assert load_laboratory(written(tmp_path, text % "30 deg")).camera.field_of_view.value == 30
+    assert (
+        document.load_laboratory(written(tmp_path, text % "30 deg")).camera.field_of_view.value
+        == 30
+    )
     for angle in ("-3 deg", "180 deg"):
         with pytest.raises(ConfigurationError, match=r"camera: .* between 0 and 180 deg"):
-            load_laboratory(written(tmp_path, text % angle))
+            document.load_laboratory(written(tmp_path, text % angle))

@@ -113,14 +113,6 @@ def test_half_files_wait_until_they_are_whole_and_foreign_ones_are_named(
     assert any("c.npy" in line and "another format" in line for line in others)
 
 
-def test_a_file_that_cannot_be_read_is_named_when_a_later_one_is_shown(tmp_path, said, stopped):
-    incoming = open_source(tmp_path)(stopped, said.append)
-    (tmp_path / "a.tif").write_bytes(b"junk")
-    Thread(target=lambda: stopped.wait(1.0) or (tmp_path / "b.tif").write_bytes(tiff(6))).start()
-    assert value_of(next(incoming)) == 6
-    assert len(said) == 1 and "a.tif" in said[0]
-
-
 def test_what_lay_in_a_folder_does_not_choose_its_format(tmp_path, said, stopped):
     np.save(tmp_path / "old.npy", np.ones((4, 6, 3)))
     incoming = open_source(tmp_path)(stopped, said.append)

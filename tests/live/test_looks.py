@@ -9,16 +9,7 @@ from PIL import Image
 
 import periscopy_sim as ps
 from periscopy_sim.errors import SceneError
-from periscopy_sim.live.looks import (
-    as_source,
-    find_movables,
-    hidden_pixels,
-    images_in,
-    mesh_of,
-    panels_of,
-    photograph_pixels,
-    room_of,
-)
+from periscopy_sim.live import looks
 from periscopy_sim.live.pictures import Choice, SizedLaboratory
 from periscopy_sim.photograph import Photograph
 from periscopy_sim.scenario import load_scenario
@@ -27,7 +18,7 @@ from tests.scenes.cards import SIZES, write_cards
 
 
 def found_in(path):
-    return find_movables(load_scenario(path, (3, 4), photograph=(16, 16)))
+    return looks.find_movables(load_scenario(path, (3, 4), photograph=(16, 16)))
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +75,7 @@ def test_a_scene_without_anything_to_move_is_refused(tmp_path):
 
 def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
     pictures = level().fit(choice).pictures()
-    scene, things = pictures.scenario, images_in(pictures)
+    scene, things = pictures.scenario, looks.images_in(pictures)
     grid = np.array(things["hidden"][0]["grid"])
     corners = grid[[-1, -1, 0, 0], [0, -1, 0, -1]]
     centers = scene.hidden.centers.reshape(*scene.hidden_shape, 3)
@@ -97,7 +88,7 @@ def test_images_stand_upright_where_they_are_in_the_scene(level, choice):
         atol=0.01,
     )
     for occluder in scene.scene.occluders:
-        shown = mesh_of(occluder)
+        shown = looks.mesh_of(occluder)
         vertices = np.reshape(shown["vertices"], (-1, 3))
         np.testing.assert_allclose(vertices, occluder.vertices, atol=1e-5)
         assert max(shown["faces"]) == len(vertices) - 1
@@ -113,20 +104,20 @@ def test_each_of_several_surfaces_shows_its_image_where_it_is(tmp_path):
     pictures = SizedLaboratory(scene, is_coarse=True).fit(Choice({}, "bars")).pictures()
     assert {name: image.shape[:2] for name, image in pictures.image.items()} == SIZES
     assert pictures.psnr > 20
-    things = images_in(pictures)["hidden"]
+    things = looks.images_in(pictures)["hidden"]
     for (name, surface), shown in zip(scene.hidden.items(), things, strict=True):
         np.testing.assert_allclose(shown["grid"], surface.vertices)
-        assert hidden_pixels(pictures)[name].shape == (*surface.shape, 3)
-    for panel in panels_of(pictures)[1:]:
+        assert looks.hidden_pixels(pictures)[name].shape == (*surface.shape, 3)
+    for panel in looks.panels_of(pictures)[1:]:
         assert [decoded(each["source"]).shape[:2] for each in panel["pictures"]] == [
             *SIZES.values()
         ]
-    assert "monitor 3 x 4, hidden_card 3 x 2 patches" in panels_of(pictures)[1]["caption"]
+    assert "monitor 3 x 4, hidden_card 3 x 2 patches" in looks.panels_of(pictures)[1]["caption"]
 
 
 def test_the_first_view_sees_the_wall_from_its_front():
     scene = ps.load_scenario("plate", (3, 4), photograph=(10, 12))
-    view = room_of(scene)["view"]
+    view = looks.room_of(scene)["view"]
     azimuth, elevation = np.radians([view["azimuth"], view["elevation"]])
     x, y = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
     eye = np.array(view["target"]) + view["distance"] * np.array([x, y, np.sin(elevation)])
@@ -135,20 +126,20 @@ def test_the_first_view_sees_the_wall_from_its_front():
 
 def test_a_source_holds_the_image():
     pixels = np.random.default_rng(0).integers(0, 256, (3, 5, 4), np.uint8)
-    assert as_source(pixels).startswith("data:image/png;base64,")
-    np.testing.assert_array_equal(decoded(as_source(pixels)), pixels)
+    assert looks.as_source(pixels).startswith("data:image/png;base64,")
+    np.testing.assert_array_equal(decoded(looks.as_source(pixels)), pixels)
 
 
 def test_every_picture_has_a_panel_and_false_colours_a_scale(level, choice):
     pictures = level().fit(choice).pictures()
-    panels = panels_of(pictures)
+    panels = looks.panels_of(pictures)
     assert [len(decoded(each["pictures"][0]["source"])) for each in panels] == [24, 6, 6, 6]
     assert f"{pictures.psnr:.1f} dB" in panels[1]["caption"]
     assert panels[3]["scale"]["high"].partition(" of")[0] in panels[3]["caption"]
     assert panels[3]["scale"]["colours"][0].startswith("#00000")  # magma's darkest
     without = replace(pictures, report=replace(pictures.report, standard_errors=None))
-    assert not panels_of(without)[3]["pictures"]
-    assert len(panels_of(replace(pictures, frame=0))) == 3
+    assert not looks.panels_of(without)[3]["pictures"]
+    assert len(looks.panels_of(replace(pictures, frame=0))) == 3
 
 
 def test_residual_takes_the_place_of_what_nobody_knows(level, choice):
@@ -156,8 +147,8 @@ def test_residual_takes_the_place_of_what_nobody_knows(level, choice):
     used = np.ones((24, 24), bool)
     used[:6] = False
     pictures = level(photograph=Photograph(values, used)).fit(replace(choice, image="")).pictures()
-    residual = decoded(panels_of(pictures)[2]["pictures"][0]["source"])
-    for shown in photograph_pixels(pictures), residual:
+    residual = decoded(looks.panels_of(pictures)[2]["pictures"][0]["source"])
+    for shown in looks.photograph_pixels(pictures), residual:
         np.testing.assert_array_equal(shown[..., 3], 255 * used)  # the page hatches the rest
-    assert hidden_pixels(pictures)["monitor"].shape == (6, 8, 3)  # the reconstruction
-    assert "Unexplained" in panels_of(pictures)[2]["caption"]
+    assert looks.hidden_pixels(pictures)["monitor"].shape == (6, 8, 3)  # the reconstruction
+    assert "Unexplained" in looks.panels_of(pictures)[2]["caption"]

@@ -26,20 +26,6 @@ def test_pictures_are_of_the_scene_as_it_is_set(level, choice):
     assert np.abs(there.photograph.values - pictures.photograph.values).max() > 0.05
 
 
-def test_photograph_is_what_its_model_says(level, choice):
-    """y = A f + b + noise, without shortcuts."""
-    rng = np.random.default_rng(0)
-    ambient = rng.uniform(1, 2, (24, 24, 3))
-    lit = replace(choice, place="overcast", sbr=0.3, snr=40.0)
-    pictures = level(light=ambient).fit(lit).pictures()
-    scene = pictures.scenario
-    A = ps.render_transport(scene, samples=256)
-    signal = (A @ pictures.truth.reshape(-1, 3)).reshape(24, 24, 3) * scene.channel_gain
-    expected = ps.composite(signal, ambient, 0.3)
-    error = np.sqrt(np.mean((pictures.photograph.values - expected) ** 2) / np.mean(expected**2))
-    assert error == pytest.approx(0.01, rel=0.1)
-
-
 def test_rays_are_as_many_as_the_noise_asks_for_and_too_few_are_warned_of(
     choice, monkeypatch, tmp_path
 ):

@@ -2,7 +2,7 @@
 
 import time
 from functools import partial
-from threading import Event, Thread
+from threading import Event
 
 import numpy as np
 import pytest
@@ -296,18 +296,6 @@ def test_a_camera_that_ends_without_a_method_ends_the_session(is_early):
     with brief.session, live.running(brief.session):
         assert brief.session.ended.wait(PATIENCE / 4)
     assert not brief.shown and isinstance(brief.session.fault, PeriscopyError)
-
-
-def test_a_line_that_two_threads_report_is_printed_once():
-    brief = Brief(lambda: None)
-    brief.session._say = lambda line: (time.sleep(0.05), brief.said.append(line))
-    threads = [Thread(target=brief.session.report, args=("no frame",)) for _ in range(2)]
-    with brief.session:
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    assert brief.said == ["no frame"]
 
 
 def test_what_cannot_be_watched_is_refused_at_once():

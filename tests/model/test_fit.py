@@ -12,10 +12,8 @@ from periscopy_sim.model.fit import (
     residual_noise,
     second_differences,
 )
-from periscopy_sim.model.paint import Paint
-from periscopy_sim.model.residual import residual_of
 from periscopy_sim.model.transport_operator import TransportOperator
-from periscopy_sim.model.uncertainty import UncertainTransport, standard_errors
+from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.photograph import Photograph
 
 SIZES = np.array([1.0, 2.0, 0.5])[:, None, None]
@@ -280,21 +278,3 @@ def test_matrices_that_cannot_be_used_are_refused():
             _ = fitted(**{name: broken}).norm
     with pytest.raises(ValueError, match="B has 179 rows"):
         fitted(B=B[1:])
-
-
-def test_one_channel_is_as_three_alike(fit):
-    grey = fit.planes(Y[None])[:, 1:2]
-    three = np.repeat(grey, 3, axis=1)
-    (one,), _ = fit.evidence(grey)
-    (alike,), _ = fit.evidence(three)
-    assert one.noise_to_signal == pytest.approx(alike.noise_to_signal, rel=1e-3)
-    lights = [planes[0].T for planes in (grey, three)]
-    light = [residual_of(y, 0 * y, fit) for y in lights]
-    assert light[0].unexplained == pytest.approx(light[1].unexplained)
-    images = [np.repeat(TRUTH[:, :1], count, axis=1) for count in (1, 3)]
-    errors = [
-        standard_errors(fit.factor, fit.hidden, np.eye(f.shape[1]), f.T @ fit.factor.T, f, 3.0)
-        for f in images
-    ]
-    np.testing.assert_allclose(errors[1][:, :1], errors[0], rtol=0.5)
-    assert Paint(fit).evenness(grey[0]).shape == grey.shape[1:]

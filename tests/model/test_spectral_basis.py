@@ -4,7 +4,6 @@ import pickle
 
 import numpy as np
 import pytest
-from scipy import linalg
 
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.spectral_basis import (
@@ -15,7 +14,7 @@ from periscopy_sim.model.spectral_basis import (
     laplacian,
 )
 from periscopy_sim.model.transport_operator import TransportOperator
-from tests.scenes.surfaces import alone, screen_and_column
+from tests.scenes.surfaces import screen_and_column
 
 HIDDEN = Hidden.of((4, 5))
 RNG = np.random.default_rng(0)
@@ -122,21 +121,3 @@ def test_equal_numbers_give_equal_patterns():
 def test_cost_grows_with_the_patterns_alone():
     memory, seconds = zip(*(cost(10_000, n) for n in (6000, 12_000)), strict=True)
     assert memory[1] < 2 * memory[0] and seconds[1] == 2 * seconds[0]
-
-
-def test_patterns_of_surfaces_that_light_other_pixels_are_those_of_each_alone():
-    hidden = screen_and_column()
-    grams = [GRAM[:n, :n] + np.eye(n) for n in (each.patches for each in alone(hidden))]
-    bases = [*map(SpectralBasis.of_gram, grams, alone(hidden))]
-    both = SpectralBasis.of_gram(linalg.block_diag(*grams), hidden)
-    curvatures = np.sort(np.concatenate([each.curvatures for each in bases]))
-    np.testing.assert_allclose(both.curvatures, curvatures, rtol=1e-9)
-    d, g = RNG.standard_normal((2, 3, hidden.patches)).astype(np.float32)
-
-    def solved(basis, part):
-        data = d[:, part] @ basis.rows.T
-        return Solver(basis, WEIGHTS[:, None], 0.1, data, 0.01)(np.ascontiguousarray(g[:, part]))
-
-    for part, basis in zip(hidden.slices.values(), bases, strict=True):
-        found = solved(both, slice(None))[:, part]
-        np.testing.assert_allclose(found, solved(basis, part), atol=1e-4)

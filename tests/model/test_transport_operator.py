@@ -14,7 +14,6 @@ from periscopy_sim.model.transport_operator import (
     wall_profiles,
 )
 from periscopy_sim.numerics import precision_of
-from periscopy_sim.reconstruction.noise_aware import NoiseAware
 from periscopy_sim.testing import adjoint_test
 from tests.scenes import penumbrae
 from tests.scenes.penumbrae import kept_basis
@@ -26,7 +25,7 @@ def backgrounds(count=64):
     return penumbrae.backgrounds((20, 20), count)
 
 
-@pytest.mark.parametrize("tolerance", [0.9, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
+@pytest.mark.parametrize("tolerance", [0.9, 1e-4, 1e-8, 1e-12])
 def test_basis_is_orthonormal_and_spans_what_numpys_singular_vectors_do(tolerance):
     B = backgrounds()
     Q, oracle = background_basis(B, tolerance), kept_basis(B, tolerance)
@@ -36,8 +35,8 @@ def test_basis_is_orthonormal_and_spans_what_numpys_singular_vectors_do(toleranc
         np.testing.assert_allclose(Q @ Q.T, oracle @ oracle.T, atol=1e-8)
 
 
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-8, 1e-10, 1e-12])
-@pytest.mark.parametrize("bright", [0.0, 1.0, 1e9])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-12])
+@pytest.mark.parametrize("bright", [0.0, 1e9])
 def test_many_smooth_backgrounds_are_sketched_to_the_same_basis(tolerance, bright):
     B = backgrounds(300)
     B[:, 7] *= bright
@@ -114,25 +113,6 @@ def test_profiles_vary_along_one_side_and_fit_what_is_smooth_there(shape, count)
     assert np.linalg.matrix_rank(profiles) == count
 
 
-def test_light_down_or_across_is_projected_out_and_the_image_stays():
-    shape, hidden = (40, 44), (3, 4)
-    down, across = np.mgrid[-1:1:40j, -1:1:44j]
-    rng = np.random.default_rng(5)
-    A = rng.uniform(0.1, 1, (down.size, 12))
-    B = np.stack([np.ones(down.size), down.ravel()], axis=1)
-    truth = rng.uniform(0.2, 1, (12, 3))
-    y = A @ truth + 2 * B[:, :1] + 1e-3 * rng.normal(size=(down.size, 3))
-    edge = down**5 - down**2 + across**6 + 2 * across  # of a table, of a lamp nearby
-    lit = y + 5 * edge.reshape(-1, 1) * [1, 0.8, 0.5]
-    settings = {"hidden": hidden, "photograph_shape": shape, "corrections": ()}
-    ours, plain = (NoiseAware(A, B, profiles=each, **settings) for each in (True, False))
-    errors = [
-        np.abs(method.reconstruct(light).reshape(12, 3) - truth).max()
-        for method, light in ((ours, y), (ours, lit), (plain, lit))
-    ]
-    assert errors[0] < 0.01 and errors[1] < 2 * errors[0] and errors[2] > 0.1
-
-
 def test_a_column_in_single_precision_hides_nothing_of_the_others():
     B = np.linalg.qr(np.random.default_rng(2).standard_normal((400, 30)))[0] * 0.3 ** np.arange(30)
     B = B @ np.random.default_rng(3).standard_normal((30, 60))
@@ -173,9 +153,7 @@ def memory_map(A, folder):
 
 
 kinds = pytest.mark.parametrize(
-    "kind",
-    [in_memory, read_only, transposed, memory_map],
-    ids=lambda kind: kind.__name__,
+    "kind", [in_memory, read_only, transposed, memory_map], ids=lambda kind: kind.__name__
 )
 
 
@@ -199,21 +177,3 @@ def test_rows_may_be_a_list():
     rows = np.random.default_rng(0).random((8, 3))
     operator = TransportOperator(rows.tolist(), np.zeros((8, 0)))
     np.testing.assert_allclose(operator.matmat(np.eye(3)), rows)
-
-
-def test_backgrounds_of_another_size_are_refused():
-    with pytest.raises(ValueError, match="B has 7 rows"):
-        TransportOperator(matrix(), basis(7))
-
-
-def test_a_matrix_with_nan_is_refused():
-    A = matrix()
-    A[3, 4] = np.nan
-    with pytest.raises(ValueError, match="A must be finite"):
-        TransportOperator(A, basis())
-
-
-def test_a_matrix_that_the_backgrounds_explain_is_refused():
-    Q = basis()
-    with pytest.raises(ValueError, match="B explains all of A"):
-        TransportOperator(Q @ np.ones((4, 6)), Q)

@@ -149,19 +149,6 @@ def test_light_that_the_gain_adds_is_subtracted(unit):
     assert even is given and found == {"wall_gain_found": False, "wall_gain_range": [1, 1]}
 
 
-@pytest.mark.thorough
-def test_probabilities_are_no_smaller_than_stated_where_the_model_holds():
-    estimate, Q = fitted_to(A, B)
-    probabilities = []
-    for seed in range(400):
-        y = photograph(seed=seed).reshape(-1, 3)
-        found = estimate(rejected_by(Q, y), NOISE, TRUTH.T)
-        probabilities.append(found.probability)
-    # Kolmogorov and Smirnov's test, itself at an error rate of 0.1 %.
-    assert stats.kstest(probabilities, "uniform", alternative="greater").pvalue > 1e-3
-    assert np.mean(probabilities) < 0.6  # nor much larger
-
-
 def test_one_photograph_in_ten_thousand_may_have_a_gain_by_chance():
     # Probabilities hold, see above; weaker and weaker gains of one photograph have all of them.
     estimate, Q = fitted_to(A, B)

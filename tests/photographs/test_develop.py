@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import PhotographError
-from periscopy_sim.photographs.develop import develop, sensor_image
+from periscopy_sim.photographs.develop import develop, mask_of_pixels, sensor_image
 
 SIZE = (40, 60)
 LIGHT = np.random.default_rng(2).uniform(100, 200, (*SIZE, 3))
@@ -65,3 +65,10 @@ def test_saturation_is_the_top_code_of_integers_or_what_is_said():
     assert sensor_image(counts - 1, "y").saturated.sum() == 0  # no converter ends at 4094
     assert sensor_image(counts.astype(float), "y").saturated.sum() == 0
     assert sensor_image(counts.astype(float), "y", white=4090).saturated.sum() == 6
+
+
+def test_a_mask_of_the_sensor_leaves_out_each_cell_that_it_touches():
+    mask = np.ones((8, 12), bool)
+    mask[3, 7] = False
+    cells = mask_of_pixels(mask, sensor_image(np.ones((4, 6, 3)), "y", cell=2))
+    assert np.argwhere(~cells).tolist() == [[1, 3]]

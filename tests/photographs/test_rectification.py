@@ -10,7 +10,7 @@ import periscopy_sim as ps
 from periscopy_sim.errors import PeriscopyError
 from periscopy_sim.photographs.develop import sensor_image
 from periscopy_sim.photographs.prepare import prepare
-from periscopy_sim.photographs.wall_view import Marks, WallPoints, fit_view, wall_plane
+from periscopy_sim.photographs.wall_view import WallPoints
 from periscopy_sim.rendering.variant import use_variant
 
 WALL = np.array([0.1, 1.0, 0.3])  # its middle; it faces the camera at smaller y
@@ -160,20 +160,6 @@ def squares(line):
     return [part for part in parts if line[part[0]] in (0, 1)][1:-1]
 
 
-def test_corners_of_squares_stay_within_a_tenth_of_a_pixel_with_clicked_points(scenario):
-    """20 points clicked to 0.3 pixels place every pixel to 0.1 in the root mean square or so."""
-    plane = wall_plane(scenario)
-    off = []
-    for seed in range(5):
-        points = clicked(20, seed, noise=0.3)
-        on_wall = plane.coordinates(points.positions)[:, :2]
-        view = fit_view(Marks.of_points(points.pixels, on_wall, [""] * 20), SIZE)
-        expected = seen(scenario.view.centers)
-        found = view.view.pixels_of(plane.coordinates(scenario.view.centers)[:, :2])
-        off.append(np.sqrt(np.mean((found - expected) ** 2)))
-    assert np.median(off) < 0.15
-
-
 def test_a_curved_wall_and_a_scene_behind_the_camera_are_refused(photograph, tmp_path):
     path = tmp_path / "curved.xml"
     path.write_text(SCENE.replace("WALL", CURVED))
@@ -215,24 +201,6 @@ def test_whole_blocks_are_averaged_where_the_camera_is_the_scenes(scenario):
         prepare(light[:, :300], scenario)
     with pytest.raises(PeriscopyError, match="40 x 60 pixels"):
         prepare(light[:40, :60], scenario)
-
-
-def test_places_in_a_raw_file_are_those_of_its_sensor(photograph, scenario):
-    """Two by two pixels of the mosaic make one; points and masks are given as viewers show it."""
-    points = clicked(8, 1)
-    whole = prepare(photograph, scenario, marks=points)
-    cells = sensor_image(photograph, "y", cell=2)
-    on_sensor = WallPoints(2 * points.pixels, points.positions)
-    found = prepare(cells, scenario, marks=on_sensor)
-    assert np.allclose(found.values, whole.values, rtol=1e-5, equal_nan=True)
-    assert found.coverage == pytest.approx(whole.coverage)
-    mask = np.ones((800, 1200), bool)
-    mask[:, 501] = False
-    half = np.ones(SIZE, bool)
-    half[:, 250] = False
-    one = prepare(cells, scenario, marks=on_sensor, mask=mask)
-    other = prepare(photograph, scenario, marks=points, mask=half)
-    assert (one.mask == other.mask).all() and not one.mask.all()
 
 
 def test_hot_pixels_are_left_out_of_the_averages(scenario):

@@ -42,6 +42,7 @@ VIDEOS = [name for name in METHODS if METHODS[name].video]
 COUPLED = [(name, coupling) for name in VIDEOS for coupling in METHODS[name].video.couplings]
 NEIGHBOURS = ("differencing",)  # which needs a photograph's rows and columns
 every_method = pytest.mark.parametrize("name", METHODS)
+one_of_each_base = pytest.mark.parametrize("name", ["noise-aware", "truncated-svd"])
 
 
 @dataclass(frozen=True)
@@ -187,27 +188,13 @@ def spread(y):
     return within[::2, ::3, ::2]
 
 
-def read_only(y):
-    y = y.copy()
-    y.setflags(write=False)
-    return y
-
-
 KINDS = {
     "float32": lambda y: y.astype(np.float32),
-    "float16": lambda y: y.astype(np.float16),
-    "long double": lambda y: y.astype(np.longdouble),
     "big-endian": lambda y: y.astype(">f8"),
-    "big-endian float32": lambda y: y.astype(">f4"),
     "8 bits": lambda y: (100 * y / y.max()).astype(np.uint8),
     "16 bits": lambda y: (60_000 * y / y.max()).astype(">u2"),
-    "signed": lambda y: (-1e6 * y).astype(np.int32),
-    "64 bits": lambda y: (1e18 * y / y.max()).astype(np.uint64),
     "truth values": lambda y: y > np.median(y),
-    "Fortran order": np.asfortranarray,
-    "read-only": read_only,
     "not contiguous": spread,
-    "negative strides": lambda y: y[::-1, ::-1, ::-1].copy()[::-1, ::-1, ::-1],
     "not aligned": lambda y: np.ndarray(y.shape, y.dtype, bytearray(b"\0" + y.tobytes()), 1),
     "nested lists": lambda y: y.tolist(),
 }
@@ -215,7 +202,7 @@ KINDS = {
 
 @pytest.mark.filterwarnings("ignore:the photograph is of 8-bit integers")
 @pytest.mark.filterwarnings("ignore:.* stopped after:RuntimeWarning")
-@every_method
+@one_of_each_base
 def test_every_kind_of_array_gives_the_image_of_its_values(name):
     method = fitted(name, A.astype(np.float32))
     for kind, made in KINDS.items():
@@ -381,7 +368,7 @@ NO_MATRICES = (
 )  # fmt: skip
 
 
-@every_method
+@one_of_each_base
 def test_what_is_no_matrix_is_refused_by_its_name(name):
     given = {"A": A, "B": B}
     for which in given if METHODS[name].backgrounds else "A":
@@ -390,7 +377,7 @@ def test_what_is_no_matrix_is_refused_by_its_name(name):
                 fitted(name, **given | {which: kind(given[which])})
 
 
-@every_method
+@one_of_each_base
 def test_matrices_of_other_libraries_are_taken(name):
     def read_only(X):
         X = X.astype(">f8")

@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from periscopy_sim.reconstruction.differencing import (
-    Differencing,
-    neighbour_differences,
-)
+from periscopy_sim.reconstruction.differencing import Differencing, neighbour_differences
 from periscopy_sim.reconstruction.preconditioned import repair
 from periscopy_sim.reconstruction.total_variation import prox_total_variation
 from periscopy_sim.reconstruction.truncated_svd import TruncatedSVD
@@ -19,7 +16,6 @@ M, N = 360, 30
 
 
 A = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.5)
-FAINT = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.02)
 
 
 def photograph_of(image, noise=0.0, seed=0, A=A):

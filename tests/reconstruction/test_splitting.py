@@ -50,20 +50,6 @@ def test_image_is_drawn_towards_the_frame_before_as_far_as_is_best(positive, pul
         prox_oracle(lambda _, best=best: best, value, TARGETS[:, n], lower=lower, rtol=1e-4)
 
 
-def test_patches_near_the_frame_before_are_as_they_were_and_the_others_change_in_all_colours():
-    v = drawn(PREVIOUS + 0.2 * TARGETS, PREVIOUS, False, 0.2)
-    change = np.abs(v - PREVIOUS.astype(np.float32))
-    is_near = np.linalg.norm(0.2 * TARGETS, axis=0) < 0.2
-    assert 0.2 < is_near.mean() < 0.8
-    assert (change[:, is_near] == 0).all() and (change[:, ~is_near] > 0).all()
-
-
-def test_frame_before_that_is_far_away_pulls_by_its_weight_alone():
-    direction = np.array([2.0, 1.0, 2.0])[:, None] / 3
-    v = drawn(TARGETS, 1e12 * direction + 0 * TARGETS, False, 0.5)
-    np.testing.assert_allclose(v, TARGETS + 0.5 * direction, atol=1e-6)
-
-
 def test_an_image_that_becomes_black_ends_the_iterations():
     f = np.full((3, 4), -1e-6, np.float32)
     following = Hidden.of((2, 2)).differences.following.astype(np.uintp)

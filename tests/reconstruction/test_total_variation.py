@@ -46,14 +46,8 @@ EXACT = {"tolerance": 1e-10, "max_iterations": 200_000}
 
 
 IMAGES = [(5, 6), (1, 9), (9, 1), (2, 3)], [(0.05, 0, 0), (0.6, 0, 0), (2.5, 0, 0)]
-TIED = (
-    [(1, 1), (1, 7), (7, 1), (4, 5), (5, 3)],
-    [(0.3, 0, 0.2), (0.3, 0, 1.5), (2.0, 0, 0.4), (0.0, 0, 0.7)],
-)
-VIDEOS = (
-    [(2, 3, 4), (3, 4, 3), (2, 1, 5), (2, 5, 1), (4, 2, 2), (5, 1, 1)],
-    [(0.3, 1.0, 0), (1.5, 1.0, 0), (0.6, 0.3, 0), (0.6, 2.0, 0)],
-)
+TIED = ([(1, 7), (4, 5)], [(0.3, 0, 0.2), (2.0, 0, 0.4), (0.0, 0, 0.7)])
+VIDEOS = ([(2, 3, 4), (2, 1, 5), (5, 1, 1)], [(1.5, 1.0, 0), (0.6, 0.3, 0)])
 SLOWER = [pytest.param(*case, marks=pytest.mark.thorough)
           for kind in (TIED, VIDEOS) for case in product(*kind)]  # fmt: skip
 
@@ -137,18 +131,11 @@ def test_a_huge_weight_gives_each_surface_its_mean(weight):
         prox_total_variation(g[1:], weight, hidden=hidden)
 
 
-@pytest.mark.parametrize("weight", [0.1, 0.9])
-def test_a_step_moves_each_side_by_half_the_weight_over_its_width(weight):
-    g = np.tile(np.repeat([0.0, 1.0], [4, 6]), (3, 1))
-    expected = np.where(g == 0, weight / 2 / 4, 1 - weight / 2 / 6)
-    np.testing.assert_allclose(prox_total_variation(g, weight, **EXACT), expected, atol=1e-5)
-
-
 @pytest.mark.parametrize(
     ("weight", "w", "l1_weight"),
     [(0.1, 0, 0), (1, 0, 0), (4, 0, 0), (0.9, 0, 0.1), (0.9, 0, 0.8), (0.7, 0.5, 0), (0.7, 3, 0)],
 )
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
 def test_the_objective_is_within_the_reported_gap_of_the_least(
     weight, w, l1_weight, tolerance, random_image, objective, minimizer, solved
 ):
@@ -217,14 +204,6 @@ def prox_l1(solved):
     return prox
 
 
-@pytest.mark.parametrize("distance", [1e2, 1e5])
-def test_a_distant_previous_image_draws_each_patch_by_half_its_weight(distance, blocks, prox_l1):
-    g = blocks().astype(np.float32)
-    f = prox_l1(g, g + np.float32(distance), 0.3, 0.2, tolerance=1e-10)
-    expected = prox_total_variation(g.astype(np.float64), 0.3, tolerance=1e-9) + 0.1
-    np.testing.assert_allclose(f, expected, atol=2e-3)
-
-
 def test_each_channel_has_its_own_weights(blocks, prox_l1):
     g = np.stack([blocks(seed) for seed in range(3)], axis=-1)
     p = np.stack([blocks(seed) for seed in range(3, 6)], axis=-1)
@@ -232,46 +211,3 @@ def test_each_channel_has_its_own_weights(blocks, prox_l1):
     alone = [prox_l1(g[..., c], p[..., c], weights[c], l1_weights[c]) for c in range(3)]
     f = prox_l1(g, p, weights, l1_weights)
     np.testing.assert_array_equal(f, np.stack(alone, axis=-1))
-
-
-@pytest.fixture
-def moving_blocks(random_image):
-    video = np.zeros((2, 12, 15))
-    video[0, 2:7, 3:11] = 1.0
-    video[1, 3:8, 4:12] = 1.0
-    return video + 0.2 * random_image(2, 12, 15)
-
-
-@pytest.mark.parametrize("coloured", [False, True])
-def test_without_temporal_weight_each_frame_is_denoised_on_its_own(coloured, moving_blocks, solved):
-    g = moving_blocks
-    weight = 0.4
-    if coloured:
-        g, weight = np.stack([g, -3 * g], axis=-1), [0.4, 0.1]
-    f = solved(g, weight, 0).image
-    alone = [prox_total_variation(frame, weight) for frame in g]
-    np.testing.assert_array_equal(f, np.stack(alone))
-
-
-@pytest.mark.parametrize(
-    ("weight", "w", "expected"),
-    [
-        (2.0, 0.2, [0.2, 0.8]),
-        (4.5, 0.2, [0.45, 0.55]),
-        (5.5, 0.2, [0.5, 0.5]),
-        (0.3, 2, [0.3, 0.7]),
-    ],
-)
-def test_a_change_in_time_shrinks_by_the_weight_of_time(weight, w, expected, solved):
-    g = np.zeros((2, 3, 4))
-    g[1] = 1.0
-    f = solved(g, weight, w, **EXACT).image
-    np.testing.assert_allclose(f[:, 1, 2], expected, atol=1e-6)
-    np.testing.assert_allclose(np.ptp(f, axis=(1, 2)), 0, atol=1e-6)
-
-
-def test_frames_that_time_ties_firmly_become_the_denoised_mean(random_image, solved):
-    g = random_image(2, 4, 5)
-    f = solved(g, 1.0, 15, tolerance=1e-6, max_iterations=50_000).image
-    mean = prox_total_variation(g.mean(axis=0), 1.0, **EXACT)
-    np.testing.assert_allclose(f, np.stack([mean, mean]), atol=5e-3)

@@ -188,13 +188,6 @@ def test_parameters_that_are_not_finite_are_refused_by_name(room, value):
         load_scenario(room.write(PARAMETER.format("0.1"), shape), (2, 3), {"color": 1})
 
 
-def test_files_that_are_missing_or_include_themselves_are_refused(room, tmp_path):
-    (tmp_path / "a.xml").write_text('<scene version="3.0.0"><include filename="a.xml"/></scene>')
-    for path in (tmp_path / "none.xml", tmp_path, room.write('<include filename="a.xml"/>')):
-        with pytest.raises(SceneError):
-            load_scenario(path, (2, 3))
-
-
 @pytest.mark.parametrize(
     "bsdf",
     [

@@ -33,13 +33,6 @@ def pixel_center(row, column):
     return np.array([0.5 + 0.4 * (column + 0.5) / 6, 1.0, 0.3 - 0.4 * (row - 2) / 6])
 
 
-def block_sum(array, down, across):
-    """Sum blocks of the last two axes."""
-    *batch, rows, columns = array.shape
-    blocks = array.reshape(*batch, rows // down, down, columns // across, across)
-    return blocks.sum(axis=(-3, -1))
-
-
 @pytest.mark.parametrize("exponents", [(18, 1), (0, 0)])
 def test_entry_is_the_closed_form_integral_in_absolute_scale(room, exponents):
     seen = room.load(monitor=room.monitor(room.lcd(*exponents)), hidden=(2, 3))
@@ -122,17 +115,6 @@ def test_object_half_a_millimetre_before_the_monitor_hides_its_patch_alone(room)
     A = render_transport(room.load(cover, hidden=(2, 3)), strata="midpoint", samples=1)
     assert not A[:, 0].any()
     np.testing.assert_array_equal(A[:, 1:], bare[:, 1:])
-
-
-def test_samples_of_a_patch_are_the_middles_of_its_strata(shipped):
-    """Four samples of each patch are one of each quarter; six lie in 2 rows of 3."""
-    for samples, down, across in [(4, 2, 2), (6, 2, 3)]:
-        A = render_transport(shipped("chair", (3, 4)), strata="midpoint", samples=samples)
-        fine = render_transport(
-            shipped("chair", (3 * down, 4 * across)), strata="midpoint", samples=1
-        )
-        summed = block_sum(fine.reshape(-1, 3 * down, 4 * across), down, across)
-        np.testing.assert_allclose(A, summed.reshape(A.shape), rtol=1e-4)
 
 
 @pytest.mark.parametrize("across", [1, 2])

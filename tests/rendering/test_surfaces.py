@@ -69,18 +69,6 @@ def test_a_transparent_surface_hides_nothing(room, images, bounces):
             ps.transport(two, bounces=bounces)
 
 
-def test_images_of_several_surfaces_are_recovered_by_id(two, images):
-    fine = ps.Scenario(ps.View.of(two.scene, (24, 24)), two.hidden)
-    A = ps.transport(fine)
-    method = ps.NoiseAware.for_scene(fine, A)
-    y = (A @ fine.hidden.vector(images)).reshape(24, 24, 3)
-    solution = method.reconstruct(y)
-    assert list(solution) == list(SIZES)
-    for name, image in images.items():
-        assert solution[name].shape == image.shape
-        assert ps.psnr(solution[name], image) > 25
-
-
 def test_light_that_bounces_is_told_apart_by_surface(room):
     """A white wall and a white monitor: the card's light returns from both, and none is lost."""
     monitor = room.monitor(room.area, inside=room.diffuse)
@@ -168,9 +156,9 @@ def test_bounced_light_of_some_pixels_has_their_rows(two):
     np.testing.assert_array_equal(some.over_wall, whole.over_wall[pixels.ravel()])
 
 
-@pytest.mark.parametrize("faces", [31])
-def test_spherical_caps_are_accepted_and_light_the_wall_as_they_do_in_mitsuba(room, faces):
+def test_spherical_caps_are_accepted_and_light_the_wall_as_they_do_in_mitsuba(room):
     """Part of a sphere whose faces cut its UV square otherwise than patches do."""
+    faces = 13
     u, v = np.meshgrid(*[np.linspace(0, 1, faces + 1)] * 2, indexing="ij")
     across, up = np.radians(40) * (u - 0.5), np.radians(30) * (v - 0.5)
     x, z = 0.2 - 0.6 * np.sin(across) * np.cos(up), 0.3 + 0.6 * np.sin(up)

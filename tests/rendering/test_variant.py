@@ -8,14 +8,6 @@ import pytest
 import periscopy_sim as ps
 from periscopy_sim.errors import VariantError
 from periscopy_sim.rendering import variant
-from periscopy_sim.rendering.variant import (
-    INSTALL_LLVM,
-    LLVM_FILE,
-    OVERRIDE,
-    choose_llvm,
-    examine_variants,
-    use_variant,
-)
 
 INSTALLED = ["scalar_rgb", "scalar_spectral", "llvm_ad_rgb", "llvm_ad_mono", "cuda_ad_rgb"]
 
@@ -43,7 +35,7 @@ class Backends:
 
 @pytest.fixture
 def backends(monkeypatch):
-    monkeypatch.delenv(OVERRIDE, raising=False)
+    monkeypatch.delenv(variant.OVERRIDE, raising=False)
 
     def install(**facts):
         fake = Backends(**facts)
@@ -68,30 +60,30 @@ def backends(monkeypatch):
 )
 def test_fastest_variant_that_works_is_chosen(backends, facts, best):
     fake = backends(**facts)
-    assert use_variant() == best == fake.current
+    assert variant.use_variant() == best == fake.current
 
 
 def test_a_library_that_mitsuba_lacks_is_the_users_to_install(backends, monkeypatch):
     backends()
     monkeypatch.setitem(sys.modules, "drjit", None)  # so that its import fails
     with pytest.raises(VariantError, match="drjit"):
-        examine_variants()
+        variant.examine_variants()
 
 
 @pytest.mark.parametrize("llvm", [None, 14, 16])
 def test_scalar_is_the_last_resort(backends, llvm):
     fake = backends(llvm=llvm)
-    assert use_variant() == "scalar_rgb" == fake.current
+    assert variant.use_variant() == "scalar_rgb" == fake.current
 
 
 def test_argument_then_environment_then_the_users_own_then_the_fastest(backends, monkeypatch):
     backends(cuda=True, llvm=19, current="scalar_rgb")
-    assert use_variant() == "scalar_rgb"
-    monkeypatch.setenv(OVERRIDE, "llvm_ad_rgb")
-    assert use_variant() == "llvm_ad_rgb"
-    assert use_variant("cuda_ad_rgb") == "cuda_ad_rgb"
-    monkeypatch.setenv(OVERRIDE, "")
-    assert use_variant() == "cuda_ad_rgb"
+    assert variant.use_variant() == "scalar_rgb"
+    monkeypatch.setenv(variant.OVERRIDE, "llvm_ad_rgb")
+    assert variant.use_variant() == "llvm_ad_rgb"
+    assert variant.use_variant("cuda_ad_rgb") == "cuda_ad_rgb"
+    monkeypatch.setenv(variant.OVERRIDE, "")
+    assert variant.use_variant() == "cuda_ad_rgb"
 
 
 @pytest.mark.parametrize(
@@ -108,10 +100,10 @@ def test_a_variant_that_does_not_work_is_refused_with_the_reason(
 ):
     fake = backends(**facts)
     with pytest.raises(VariantError, match=words):
-        use_variant(name)
-    monkeypatch.setenv(OVERRIDE, name)
+        variant.use_variant(name)
+    monkeypatch.setenv(variant.OVERRIDE, name)
     with pytest.raises(VariantError, match=words):
-        use_variant()
+        variant.use_variant()
     assert fake.events == []
 
 
@@ -131,20 +123,22 @@ def test_newest_llvm_of_the_environment_goes_before_the_systems(
         (tmp_path / "lib" / name).touch()
     monkeypatch.setattr(variant.sys, "prefix", str(tmp_path))
     monkeypatch.setattr(variant.site, "getuserbase", lambda: str(tmp_path / "none"))
-    environment = {key: each for key, each in os.environ.items() if key != LLVM_FILE}
+    environment = {key: each for key, each in os.environ.items() if key != variant.LLVM_FILE}
     monkeypatch.setattr(variant.os, "environ", environment)
-    imported = choose_llvm()  # Dr.Jit may be: nothing is changed then
-    assert LLVM_FILE not in os.environ or "drjit" not in sys.modules
+    imported = variant.choose_llvm()  # Dr.Jit may be: nothing is changed then
+    assert variant.LLVM_FILE not in os.environ or "drjit" not in sys.modules
     monkeypatch.delitem(sys.modules, "drjit", raising=False)
-    for before in ({}, {LLVM_FILE: ""}):
+    for before in ({}, {variant.LLVM_FILE: ""}):
         environment |= before
-        origin, remedy = choose_llvm()
-        assert (os.environ.get(LLVM_FILE) or None) == (chosen and str(tmp_path / "lib" / chosen))
-        assert (chosen or "the system's") in origin and remedy == INSTALL_LLVM and imported
-        environment.pop(LLVM_FILE, None)
-    environment[LLVM_FILE] = "mine.so"
-    origin, remedy = choose_llvm()
-    assert f"{LLVM_FILE}, mine.so" in origin and f"unset {LLVM_FILE}" in remedy
+        origin, remedy = variant.choose_llvm()
+        assert (os.environ.get(variant.LLVM_FILE) or None) == (
+            chosen and str(tmp_path / "lib" / chosen)
+        )
+        assert (chosen or "the system's") in origin and remedy == variant.INSTALL_LLVM and imported
+        environment.pop(variant.LLVM_FILE, None)
+    environment[variant.LLVM_FILE] = "mine.so"
+    origin, remedy = variant.choose_llvm()
+    assert f"{variant.LLVM_FILE}, mine.so" in origin and f"unset {variant.LLVM_FILE}" in remedy
 
 
 IN_SCALAR = """
@@ -202,5 +196,5 @@ def test_unpickled_scene_moves_in_a_fresh_process(scalar, tmp_path):
 
 
 def test_screen_plugin_loads_in_every_variant_one_after_the_other(scalar):
-    working = [report.name for report in examine_variants() if report.works]
+    working = [report.name for report in variant.examine_variants() if report.works]
     assert scalar(CHANGE_VARIANTS).split() == ["scalar_rgb", *working]

@@ -15,7 +15,7 @@ def test_sites_are_pixels_no_more_than_asked_for_and_reach_the_edges(shape):
 
 
 @pytest.mark.parametrize("shape", [(40, 7), (1, 30)])
-@pytest.mark.parametrize("largest", [(0, 0), (3, 0), (0, 13), (8, 2)])
+@pytest.mark.parametrize("largest", [(0, 13), (8, 2)])
 def test_polynomials_are_orthonormal_and_reach_their_powers_together(shape, largest):
     found = polynomials(shape, largest, np.arange(shape[0] * shape[1]))
     np.testing.assert_allclose(found.T @ found / len(found), np.eye(found.shape[1]), atol=1e-10)

@@ -4,7 +4,6 @@ Each is a photograph, or one clear line.
 """
 
 import numpy as np
-import OpenEXR
 import png
 import pytest
 import tifffile
@@ -20,29 +19,16 @@ COUNTS = (LIGHT * 65535).astype(np.uint16)
 CODES = (LIGHT * 255).astype(np.uint8)
 
 
-def save_tiled_exr(path):
-    header = {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
-    with OpenEXR.File(header, {"RGB": LIGHT.copy()}) as file:
-        file.write(str(path))
-
-
-def save_tiff(path, values, **options):
-    tifffile.imwrite(path, values, photometric="rgb", **options)
-
-
 WRITERS = {
     "exr": lambda path: write_exr(path, LIGHT, {"scene": "chair", "sbr": 0.5}),
-    "tiled exr": save_tiled_exr,
     "npy": lambda path: np.save(path, LIGHT),
     "npz": lambda path: np.savez(path, photograph=LIGHT),
     "16-bit png": lambda path: png.from_array(COUNTS.reshape(6, -1), "RGB;16").save(path),
-    "8-bit png": lambda path: Image.fromarray(CODES).save(path),
     "jpg": lambda path: Image.fromarray(CODES).save(path),
-    "16-bit tif": lambda path: save_tiff(path, COUNTS),
-    "tiled float tif": lambda path: save_tiff(path, LIGHT, tile=(16, 16)),
+    "16-bit tif": lambda path: tifffile.imwrite(path, COUNTS, photometric="rgb"),
     "8-bit tif": lambda path: Image.fromarray(CODES).save(path, compression="tiff_lzw"),
 }
-CHECKSUMMED = {"npz", "16-bit png", "8-bit png"}
+CHECKSUMMED = {"npz", "16-bit png"}
 
 
 @pytest.fixture(params=sorted(WRITERS))
@@ -73,7 +59,7 @@ def test_file_cut_short_is_rejected(sound):
     kind, content, values, path = sound
     for length in {*range(0, len(content), 1 + len(content) // 60), len(content) - 1}:
         result = outcome(path, content[:length])
-        harmless = kind in ("8-bit tif", "8-bit png", "jpg")  # tags or marks at the end
+        harmless = kind in ("8-bit tif", "jpg")  # tags or marks at the end
         assert result is None or (harmless and np.array_equal(result, values)), length
     assert outcome(path, content[:8] + np.random.default_rng(2).bytes(400)) is None
 

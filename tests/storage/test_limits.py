@@ -14,11 +14,7 @@ from periscopy_sim.errors import ConfigurationError, PhotographError
 from periscopy_sim.laboratory.document import load_laboratory
 from periscopy_sim.numerics.validation import read_json
 from periscopy_sim.rendering.scene_files import read_mesh
-from periscopy_sim.storage.photographs import (
-    read_mask,
-    read_photograph,
-    read_sensor_image,
-)
+from periscopy_sim.storage import photographs
 from periscopy_sim.storage.pictures import read_hidden_image
 from periscopy_sim.storage.rasters import write_exr
 
@@ -49,10 +45,10 @@ def test_pictures_are_refused_before_they_are_decoded(save, tmp_path):
     save(path := tmp_path / "y")
     tracemalloc.start()
     for read in (
-        lambda: read_photograph(path, SIZE),
+        lambda: photographs.read_photograph(path, SIZE),
         lambda: read_hidden_image(path, (2, 2)),
-        lambda: read_mask(path),
-        lambda: read_sensor_image(path),
+        lambda: photographs.read_mask(path),
+        lambda: photographs.read_sensor_image(path),
     ):
         with pytest.raises(PhotographError):
             read()
@@ -62,11 +58,7 @@ def test_pictures_are_refused_before_they_are_decoded(save, tmp_path):
 
 @pytest.mark.parametrize("read", [load_configuration, load_laboratory])
 def test_yaml_without_end_is_refused(read, tmp_path):
-    for text in (
-        "hidden: &a [*a]",
-        "a: " + "[" * 999,
-        "#" * (1 << 18),
-    ):
+    for text in ("hidden: &a [*a]", "a: " + "[" * 999, "#" * (1 << 18)):
         (tmp_path / "a.yaml").write_text(text)
         with pytest.raises(ConfigurationError, match=r"a\.yaml"):
             read(tmp_path / "a.yaml")

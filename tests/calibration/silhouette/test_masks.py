@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 from scipy import optimize, sparse
 
+from periscopy_sim.calibration import masks
 from periscopy_sim.calibration.evidence import SmoothImages
-from periscopy_sim.calibration.masks import (
-    CellShadows,
-    Explained,
-    Mask,
-    known_pictures,
-    opaque,
-    outline,
-    usual_opacity,
-)
 from periscopy_sim.calibration.silhouette import UnknownImage
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.testing import derivative_test
@@ -37,8 +29,8 @@ def random():
 def mask(random):
     """Cells that hold off random light."""
     blocked = sparse.csr_array((0.3 * random.random((PIXELS * PATCHES, COUNT))).astype(np.float32))
-    shadows = CellShadows((2 + random.random((PIXELS, PATCHES))).astype(np.float32), blocked)
-    return Mask.of(CELLS, shadows, np.ones(SIZE, bool))
+    shadows = masks.CellShadows((2 + random.random((PIXELS, PATCHES))).astype(np.float32), blocked)
+    return masks.Mask.of(CELLS, shadows, np.ones(SIZE, bool))
 
 
 @pytest.fixture
@@ -65,7 +57,7 @@ def shown(random, mask):
 
 @pytest.fixture
 def known(background, shown):
-    return known_pictures(background, *shown)
+    return masks.known_pictures(background, *shown)
 
 
 @pytest.fixture
@@ -126,12 +118,12 @@ def test_slopes_of_the_evidence_are_its_derivatives(kind, rtol, request, random)
 def test_gradients_are_those_of_values(mask, random):
     """By opacities and gain, of an evidence in double precision."""
     pull, f = random.standard_normal((PIXELS, PATCHES)), random.random(PATCHES)
-    exact = CellShadows(mask.shadows.open.astype(float), mask.shadows.blocked.astype(float))
+    exact = masks.CellShadows(mask.shadows.open.astype(float), mask.shadows.blocked.astype(float))
     mask = replace(mask, shadows=exact)
 
     def likelihood(A):
         cost = 2 * np.vdot(pull, A) + np.sum((A @ f) ** 2)
-        return Explained(cost, pull + np.outer(A @ f, f), f, f)
+        return masks.Explained(cost, pull + np.outer(A @ f, f), f, f)
 
     def fit(point):
         return mask.fit(point[:COUNT].reshape(CELLS), point[COUNT:], likelihood)
@@ -154,17 +146,17 @@ def test_the_right_mask_explains_more_than_others(mask, before_pictures, unknown
 
 def test_the_gradient_of_the_outline_is_that_of_its_length(random):
     opacities = random.random((4, 5))
-    _, gradient = outline(opacities)
-    length = lambda o: outline(o.reshape(4, 5))[0]  # noqa: E731
+    _, gradient = masks.outline(opacities)
+    length = lambda o: masks.outline(o.reshape(4, 5))[0]  # noqa: E731
     derivative_test(length, gradient.ravel(), opacities.ravel(), steps=1e-4, atol=1e-8)
     block, scattered = np.zeros((2, 8, 8))
     block[3:5, 3:5] = 1
     scattered[2:6:3, 2:6:3] = 1
-    assert outline(block)[0] < outline(scattered)[0]
+    assert masks.outline(block)[0] < masks.outline(scattered)[0]
 
 
 def test_a_fainter_mask_has_the_same_opaque_cells():
     faint = 0.3 * FLAG + 0.05
-    np.testing.assert_array_equal(opaque(faint), FLAG)
-    assert usual_opacity(0.3 * FLAG) == pytest.approx(0.3)
-    assert not opaque(np.zeros((3, 3))).any()
+    np.testing.assert_array_equal(masks.opaque(faint), FLAG)
+    assert masks.usual_opacity(0.3 * FLAG) == pytest.approx(0.3)
+    assert not masks.opaque(np.zeros((3, 3))).any()

@@ -4,16 +4,12 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from experiments.paper.as_published import MOST, Published, descend, descended
+from experiments.paper.as_published import MOST, descend, descended
 from periscopy_sim.reconstruction.total_variation import prox_total_variation
 from tests.scenes import penumbrae
 from tests.scenes.penumbrae import relative_error
 
 PHOTOGRAPH, HIDDEN = (20, 18), (5, 6)
-
-
-class Scene:
-    photograph_shape, hidden, channel_gain = PHOTOGRAPH, HIDDEN, np.ones(3)
 
 
 def photograph_of(A, noise):
@@ -29,16 +25,6 @@ def test_it_ends_at_its_cap_near_the_minimum():
     image, iterations = descended(method, y)
     np.testing.assert_array_equal(iterations, MOST)
     assert 1e-4 < relative_error(image, method.reconstruct(y)) < 0.5
-
-
-@pytest.mark.thorough
-def test_it_is_a_method_of_ones_own_that_uses_a_mask():
-    A = penumbrae.transport(PHOTOGRAPH, HIDDEN, 0.5)
-    mask = np.ones(PHOTOGRAPH, bool)
-    mask[3:5, 7:9] = False
-    y = np.where(mask[..., None], photograph_of(A, noise=0), 0)
-    image = Published(Scene(), A, mask=mask).reconstruct(y)
-    assert relative_error(image, penumbrae.two_halves(HIDDEN)) < 1e-3
 
 
 SHAPE = (5, 6)

@@ -4,23 +4,7 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from experiments.studies.wrong_scenes import __main__ as wrong_scenes
 from experiments.studies.wrong_scenes import plain_scenes, subjects
-
-MEASURED = ("occluder_dx", "occluder_dz", "monitor_dx", "plate_width")
-
-
-@pytest.fixture(scope="module")
-def plate(tmp_path_factory):
-    """A small plate, lit by its closed form rather than path traced, before a far lamp."""
-    known = subjects.subjects(tmp_path_factory.mktemp("scenes"))["plate"]
-    exact = dict.fromkeys((f"{name}_error" for name in known.errors if name not in MEASURED), "0")
-    subject = replace(known, hidden=(6, 8), place="lamp", parameters={"resolution": "24", **exact})
-    scene = subject.at()
-    truth = ps.read_hidden_image(ps.find_image(subject.image), subject.hidden)
-    signal = (ps.analytic_transport(scene) @ truth.reshape(-1, 3)).reshape(24, 24, 3)
-    lamp = ps.point_light_backgrounds(scene)[:, 100].reshape(24, 24, 1) * np.ones(3)
-    return subjects.Photographed(subject, truth, signal * scene.channel_gain, lamp)
 
 
 def test_the_ruler_errs_as_the_scene_declares():
@@ -34,20 +18,6 @@ def test_the_ruler_errs_as_the_scene_declares():
     assert abs(off.mean()) < 4 / np.sqrt(off.size)
     assert abs(off.std() - 1) < 4 / np.sqrt(2 * off.size)
     assert list(drawn[0]) == list(errors) and subject.measured(0) == drawn[0] != drawn[1]
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("jit", "drawings")
-def test_a_study_compares_the_true_the_ruler_s_and_the_calibrated_scene(plate, tmp_path):
-    scene = dict.fromkeys((f"{n}_error" for n in MEASURED[1:]), "0")
-    subject = replace(plate.subject, parameters={**plate.subject.parameters, **scene})
-    taken = replace(plate, subject=subject)
-    results = wrong_scenes.study(taken, [5.0], draws=1, out=tmp_path / "out")
-    (row,) = wrong_scenes.rows_of("plate", results)
-    print(row)
-    _, name, sbr, draws, ruler, calibrated, *_ = (each.strip() for each in row.split("|"))
-    assert (name, sbr, draws) == ("plate", "5", "1")
-    assert float(ruler) > 1 > 2 * abs(float(calibrated))
 
 
 def test_plain_scenes_load_with_their_errors_and_draws():

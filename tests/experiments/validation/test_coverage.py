@@ -6,15 +6,6 @@ import pytest
 from experiments.validation import coverage
 
 
-def test_fields_are_the_rougher_the_smaller_the_exponent():
-    roughness = [
-        np.mean([np.diff(f, axis=1).std() / f.std() for f in coverage.images(kind)])
-        for kind in ("smooth (1/f³)", "natural (1/f)", "white noise")
-    ]
-    assert (np.diff(roughness) > 0).all()
-    assert roughness[2] == pytest.approx(np.sqrt(2), rel=0.05)
-
-
 def test_numbers_are_of_errors_over_standard_errors():
     truth = np.ones((2, 2, 3))
     image = truth + np.array([0.5, -1.5, 0, 4])[:, None].reshape(2, 2, 1)
