@@ -5,6 +5,7 @@ from .analytic.area_transport import analytic_transport
 from .analytic.point_light import paper_grid, point_light_backgrounds, point_light_response
 from .calibration.calibrate import calibrate
 from .calibration.moving_scene import uncertain_transport
+from .calibration.occluder import OccluderEstimate, find_occluder
 from .calibration.result import Calibration
 from .calibration.silhouette import Silhouette, recover_silhouette
 from .dataset.configuration import load_configuration
@@ -77,6 +78,7 @@ __all__ = [
     "NoiseAwareReconstruction",
     "NoiseAwareVideo",
     "NoiseAwareViews",
+    "OccluderEstimate",
     "Periscope",
     "PeriscopyError",
     "Photograph",
@@ -113,6 +115,7 @@ __all__ = [
     "fetch",
     "find_image",
     "find_method",
+    "find_occluder",
     "find_scene",
     "flips",
     "form_preconditioner",

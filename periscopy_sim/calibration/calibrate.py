@@ -113,16 +113,19 @@ def calibrate(
     # Products this small gain less from threads than these cost by waiting for each other on a busy
     # machine; and the result does not depend on the number of cores.
     with threadpool_limits(1):
-        return _calibrated(problem, seed, progress or (lambda _: None))
+        return calibrated(problem, seed, progress or (lambda _: None))
 
 
-def _calibrated(
-    problem: CalibrationProblem, seed: int, progress: Callable[[float], None]
+def calibrated(
+    problem: CalibrationProblem,
+    seed: int,
+    progress: Callable[[float], None],
+    search: Search | None = None,
 ) -> Calibration:
     """Search, estimate the errors, and keep the measured values unless others explain more."""
     fine, names = problem.fine(), problem.names
     whole = problem.joint()
-    search = Search(problem.coarse(), fine, whole, seed, progress)
+    search = search or Search(problem.coarse(), fine, whole, seed, progress)
     level, end = search.best(search.starts())
     gain, κ = end.point[len(names) :], end.temperature
     measured = level.candidate(np.append(problem.centers, gain))

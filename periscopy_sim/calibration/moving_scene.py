@@ -1,6 +1,6 @@
 """A scene whose parameters move: its A by areas, A's derivatives, and what errors do to light."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -54,6 +54,7 @@ class MovingScene:
     scenario: Geometry  # as loaded, with the pixels used
     names: tuple[str, ...]  # of the P parameters
     errors: Array  # (P,) or (P + 3 S,) scales: a derivative moves a value by a fraction of its own
+    logarithmic: tuple[str, ...] = ()  # parameters whose values are logarithms
     _kept: dict[bytes, Matrix] = field(default_factory=dict, init=False, repr=False)  # A by values
 
     @property
@@ -73,7 +74,7 @@ class MovingScene:
         A SceneError says that the values make no scene.
         """
         count = len(self.names)
-        moved = self.scenario.at(**dict(zip(self.names, values[:count].tolist(), strict=True)))
+        moved = self.scenario.at(**plain_values(self.names, values[:count], self.logarithmic))
         places = values[count:].reshape(-1, 3)
         if not len(places):
             return moved
@@ -118,6 +119,14 @@ class MovingScene:
             except SceneError as error:
                 unphysical = error
         raise unphysical
+
+
+def plain_values(
+    names: Sequence[str], values: Array, logarithmic: Sequence[str]
+) -> dict[str, float]:
+    """Return parameters' values by name, those that are logarithms as the scene has them."""
+    pairs = zip(names, values.tolist(), strict=True)
+    return {name: float(np.exp(v)) if name in logarithmic else v for name, v in pairs}
 
 
 def limit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:

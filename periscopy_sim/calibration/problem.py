@@ -84,6 +84,8 @@ class CalibrationProblem:
     uncertain: UncertainParameters  # the U that are fixed
     photographs: Sequence[Photograph]  # of one laboratory and one mask
     pictures: Sequence[Image | Mapping[str, Image]]  # of the first ones, see `shown_light`
+    logarithmic: tuple[str, ...] = ()  # names whose centers and errors are those of the logarithm
+    half_waves: int = HALF_WAVES  # of smooth misfit to which unknown images bend
 
     @cached_property
     def hidden(self) -> Hidden:
@@ -121,6 +123,12 @@ class CalibrationProblem:
         scene = self._scene(finest.pixels, across, part.hidden)
         by = averages(finest.pixels, part.view.shape, across, scene.scenario.paint)
         return replace(level, finer=(scene, by))
+
+    def medium(self) -> ResolutionLevel:
+        """Return a level of images of few edges in large patches."""
+        hidden = self._in_patches(COARSE_PATCHES)
+        images = SharpImages(hidden, self.photographs[0].channels)
+        return self._level(hidden, JOINT_PIXELS_A_PATCH, images)
 
     def joint(self) -> ResolutionLevel:
         """Return the level on which errors are estimated, also of the uncertain parameters.
@@ -186,7 +194,7 @@ class CalibrationProblem:
         if self.has_unknown_images:
             groups.append(Group(np.array(light[len(self.pictures) :]), unknown))
         # Only unknown images bend to smooth misfit: with a known one a real chair is 0.3 dB worse.
-        waves = HALF_WAVES if self.has_unknown_images else 0
+        waves = self.half_waves if self.has_unknown_images else 0
         noise = CorrelatedNoise.white(pixels, Q, waves)
         return ResolutionLevel(scene, self.centers, Q, tuple(groups), noise, photographs=len(light))
 
@@ -197,4 +205,4 @@ class CalibrationProblem:
 
     def _scene(self, pixels: Mask, across: int, hidden: Hidden) -> MovingScene:
         view = self._view(pixels.shape, across).of_pixels(pixels)
-        return MovingScene(Geometry(view, hidden), self.names, self.errors)
+        return MovingScene(Geometry(view, hidden), self.names, self.errors, self.logarithmic)

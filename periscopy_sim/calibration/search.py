@@ -179,6 +179,7 @@ class Search:
     joint: ResolutionLevel  # on which unknown images have a place
     seed: int
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
+    draws: Array | None = None  # (J, P) values that the scan compares instead of the prior's draws
     # The ends beside the best, of other places of the image, each so many times as likely.
     rivals: list[tuple[Look, float]] = field(default_factory=list, init=False)
     # Second moments about the best, (P, P), of scenes aside, one for each direction.
@@ -205,25 +206,27 @@ class Search:
 
         A SceneError says that the prior's centre is no scene.
         """
-        level, drawn = self.coarse, self._scanned()
+        level, drawn = self.coarse, self.scanned()
         own, others = level.look(level.candidate(level.center)), list[Look]()
         for k, T in enumerate(COOLING):
             if k == JOINING:
                 others = [level.look(each) for each in drawn]
             own, *others = [
-                self._descended(level, 1, look, T * level.photographs) for look in (own, *others)
+                self.descended(level, 1, look, T * level.photographs) for look in (own, *others)
             ]
             others = nsmallest(-(-len(others) // 2), others, key=lambda look: look.objective)
-        distinct = _distinct([self._settled(level, 1, look) for look in (own, *others)])[:STARTS]
+        distinct = _distinct([self.settled(level, 1, look) for look in (own, *others)])[:STARTS]
         first, *rest = [self.fine.candidate(look.point) for look in distinct]
         return [first, *filter(_is_scene, rest)]
 
-    def _scanned(self) -> list[Candidate]:
+    def scanned(self) -> list[Candidate]:
         """Return draws of the prior that differ, those that explain most with smooth images."""
-        level, errors = self.coarse, self.coarse.scene.errors
-        sobol = qmc.Sobol(len(errors), seed=self.seed).random(DRAWS)
-        drawn = np.clip(WIDTH * special.ndtri(sobol), -prior.FARTHEST, prior.FARTHEST) * errors
-        points = level.center + np.pad(drawn, ((0, 0), (0, len(level.terms))))
+        level, errors, drawn = self.coarse, self.coarse.scene.errors, self.draws
+        if drawn is None:
+            sobol = qmc.Sobol(len(errors), seed=self.seed).random(DRAWS)
+            steps = np.clip(WIDTH * special.ndtri(sobol), -prior.FARTHEST, prior.FARTHEST)
+            drawn = level.centers + steps * errors
+        points = np.pad(drawn, ((0, 0), (0, len(level.terms))))
         scenes, kept = [], list[Candidate]()
         for candidate in map(level.candidate, points):
             if _is_scene(candidate):
@@ -243,7 +246,7 @@ class Search:
             looks = self._ranked(level, [self._cooled(level, 2, look, T) for look in looks])
             if level is self.fine:
                 level, looks = _with_misfit(level, looks)
-        best = self._hopped(level, self._settled(level, 2, looks[0]))
+        best = self._hopped(level, self.settled(level, 2, looks[0]))
         self.rivals[:] = [(self._end(level, rival)[1], odds) for rival, odds in self.rivals]
         return self._end(level, best)
 
@@ -257,20 +260,20 @@ class Search:
         if len(looks) == 1:
             return looks
         T = min(look.temperature for look in looks)
-        edged = [_edged(level, look).objective_at(T) for look in looks]
+        edged = [edged_candidate(level, look).objective_at(T) for look in looks]
         order = sorted(range(len(looks)), key=edged.__getitem__)
         if not trust.is_significant(edged[0] - edged[order[0]], len(looks[0].point)):
             order.sort(key=lambda k: k > 0)
         return [looks[k] for k in order]
 
-    def _settled(self, level: ResolutionLevel, stage: int, look: Look) -> Look:
+    def settled(self, level: ResolutionLevel, stage: int, look: Look) -> Look:
         """Return where a descent ends that goes on until it gains little.
 
         Edges stay in an image until the scene has moved far enough, so the descent takes ten and
         more steps of equal length.
         """
         for _ in range(ROUNDS):
-            before, on = look, self._descended if stage == 1 else self._cooled
+            before, on = look, self.descended if stage == 1 else self._cooled
             look = on(level, stage, look, look.temperature)
             if before.objective - look.objective < LEAST_GAIN:
                 break
@@ -310,7 +313,7 @@ class Search:
 
     def _ended(self, level: ResolutionLevel, aside: Place, T: float) -> Place:
         """Return a place or, if that is likelier, where a descent from it ends."""
-        end = self._settled(level, 2, level.look(aside.scene, T))
+        end = self.settled(level, 2, level.look(aside.scene, T))
         return min(aside, self._place(level, end, T), key=lambda each: each.surprise)
 
     def _moments(self, here: Place, asides: Sequence[Place], direction: Array) -> Array:
@@ -366,7 +369,9 @@ class Search:
         """
         if not _is_scene(scene):
             return Place(scene, np.inf, patches)
-        return Place(scene, _edged(level, scene).cost / T / SPREAD + scene.penalty / 2, patches)
+        return Place(
+            scene, edged_candidate(level, scene).cost / T / SPREAD + scene.penalty / 2, patches
+        )
 
     def _follows(self, point: Array, T: float) -> Iterator[Array]:
         """Yield how a point follows an image, for each number of `Surface.placed`, a patch each.
@@ -403,7 +408,8 @@ class Search:
                 look = colder
         return edged, look
 
-    def _descended(self, level: ResolutionLevel, stage: int, look: Look, T: float) -> Look:
+    def descended(self, level: ResolutionLevel, stage: int, look: Look, T: float) -> Look:
+        """Return the end of a descent, which counts as a visit of a stage."""
         look = descend(level, look, T)
         self.visit(stage, look)
         return look
@@ -416,7 +422,7 @@ class Search:
         """
         if look.temperature > 2 * T or self._is_far(look, T):
             return look
-        colder = self._descended(level, stage, look, T)
+        colder = self.descended(level, stage, look, T)
         return look if self._is_far(colder, T) else colder
 
     def _is_far(self, look: Look, T: float) -> bool:
@@ -424,7 +430,7 @@ class Search:
         return first > T and trust.is_significant(look.penalty, len(look.point))
 
 
-def _edged(level: ResolutionLevel, candidate: Candidate) -> Candidate:
+def edged_candidate(level: ResolutionLevel, candidate: Candidate) -> Candidate:
     """Return a candidate explained by all images that have the edges of its own."""
     return level.with_edges(candidate).candidate(candidate.point)
 

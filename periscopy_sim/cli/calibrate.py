@@ -14,7 +14,7 @@ from periscopy_sim.cli import output
 from periscopy_sim.cli.messages import distrusted, sentence
 from periscopy_sim.cli.session import PhotoSession
 from periscopy_sim.errors import SceneError
-from periscopy_sim.numerics.validation import size_of
+from periscopy_sim.numerics.validation import number_of, size_of
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.storage.outputs import spare_inputs
 
@@ -33,6 +33,12 @@ _UNCERTAIN = (
 )
 _SILHOUETTE = "Recover this shape's silhouette instead: a flat mask of cells within its rectangle."
 _CELLS = "Cells of --silhouette. [default: 16 along the longer side]"
+_UNKNOWN = (
+    "Find a piece that nobody measured instead, of the likeliest of these kinds: ball, box, plate, "
+    "cylinder, by comma."
+)
+_WITHIN = "Where the middle of --unknown may be. [default: between monitor and wall]"
+_SIZES = "Extents of --unknown, in metres. [default: 2 to 30 % of the monitor's distance]"
 _OUT = (
     "Scene to write, NAME.xml, with NAME.json and NAME.png beside it, and scenes that explain as "
     "much, NAME_aside1.xml, if there are such."
@@ -88,6 +94,9 @@ def calibrate(
     uncertain: Annotated[list[str] | None, arguments.option("NAME[=ERROR],...", _UNCERTAIN)] = None,
     silhouette: Annotated[str | None, arguments.option("SHAPE", _SILHOUETTE)] = None,
     cells: Annotated[str | None, arguments.option("ROWSxCOLUMNS", _CELLS)] = None,
+    unknown: Annotated[str | None, arguments.option("KIND,...", _UNKNOWN)] = None,
+    within: Annotated[str | None, arguments.option("X:X,Y:Y,Z:Z", _WITHIN)] = None,
+    sizes: Annotated[str | None, arguments.option("LEAST:MOST", _SIZES)] = None,
 ) -> None:
     """Correct a scene's measured values from photographs of its wall.
 
@@ -96,7 +105,16 @@ def calibrate(
     that you should not trust is written, too, with a warning and "trusted": false.
     """
     arguments.require_suffix(out, ".xml", "the scene")
-    if silhouette is None:
+    if unknown is None and (within or sizes):
+        raise SceneError("--within and --sizes are those of --unknown KIND; name a kind")
+    if unknown is not None:
+        if free or uncertain or silhouette or cells or session.shown or session.colour_matrix:
+            raise SceneError(
+                "--unknown finds a piece alone; leave out --free, --uncertain, --silhouette, "
+                "--cells, --shown and --colour-matrix"
+            )
+        find_piece(session, out, unknown, within, sizes)
+    elif silhouette is None:
         if cells is not None:
             raise SceneError("--cells are those of --silhouette SHAPE; name the shape")
         find_parameters(session, out, free, uncertain or [])
@@ -193,6 +211,43 @@ def _write_copy(
             f"--out {out}: a copy of scene '{session.path}' does not load from there; name a file "
             f"beside the scene ({str(error).replace(str(staged), str(out))})"
         ) from None
+
+
+def find_piece(
+    session: CalibrationSession, out: Path, kinds: str, within: str | None, sizes: str | None
+) -> None:
+    """Find a piece that nobody measured; write the scene that has it, JSON and a picture."""
+    from periscopy_sim.figures.calibration import draw_calibration
+
+    box = None if within is None else [_range(each, "--within") for each in within.split(",")]
+    extents = None if sizes is None else _range(sizes, "--sizes")
+    with output.output_files(
+        *(out.with_suffix(each) for each in (".json", ".png")), inputs=session.inputs
+    ) as (json, png):
+        spare_inputs([out], session.inputs)
+        files, doing = session.read(), "find the piece"
+        del files["shown"]
+        with session.timed(doing), output.fixable("--unknown"), output.progress(doing) as report:
+            piece = ps.find_occluder(
+                out=out, kinds=kinds, within=box, sizes=extents, progress=report, **files
+            )
+        result = piece.calibration
+        session.warn(*result.doubts)
+        session.write(json, piece.record())
+        units = ps.load_scenario(out, session.sizes, camera=session.sensor).document.units
+        draw_calibration(png, files["photograph"][0], result, units, session.metadata)
+    output.written(*piece.files)
+    kinds_by = sorted(piece.probabilities.items(), key=lambda each: -each[1])
+    output.show_table([[kind, f"{100 * share:.0f} %"] for kind, share in kinds_by], ["kind", ""])
+    show_calibration(result, units)
+
+
+def _range(text: str, flag: str) -> tuple[float, float]:
+    """Read ``LEAST:MOST``."""
+    ends = tuple(number_of(each) for each in text.split(":"))
+    if len(ends) != 2 or not ends[0] < ends[1]:
+        raise SceneError(f"{flag} {text}: write the least and the most, in metres, as 0.1:0.4")
+    return ends[0], ends[1]
 
 
 def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: str | None) -> None:
