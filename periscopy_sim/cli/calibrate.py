@@ -229,7 +229,12 @@ def find_piece(
         del files["shown"]
         with session.timed(doing), output.fixable("--unknown"), output.progress(doing) as report:
             piece = ps.find_occluder(
-                out=out, kinds=kinds, within=box, sizes=extents, progress=report, **files
+                out=out,
+                kinds=[each.strip() for each in kinds.split(",")],
+                within=box,
+                sizes=extents,
+                progress=report,
+                **files,
             )
         result = piece.calibration
         session.warn(*result.doubts)

@@ -46,7 +46,7 @@ def test_a_piece_is_found_and_its_scene_reconstructs(succeeds, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--unknown", "cube"), "cube"),
+        (("--unknown", "ball,cube"), "'cube'"),
         (("--unknown", "ball", "--free", "x"), "--free"),
         (("--unknown", "ball", "--sizes", "0.2"), "--sizes"),
         (("--within", "0:1,0:1,0:1"), "--unknown"),
