@@ -396,6 +396,7 @@ class PieceSearch(Search):
         look = held.look(held.candidate(scene.point), temperatures[0])
         for T in temperatures:
             look = descend(held, look, T)
+        self.visit(1 if level is self.coarse else 2, look)
         return replace(look, penalty=level.penalty(look.point))
 
     def _lines(
@@ -559,7 +560,7 @@ def find_occluder(
         if doubt := shadow_doubt(problem.scenario.at(**result.values)):
             raise PhotographError(f"the photograph shows no shadow of a piece: {doubt}")
     values = _written(result)
-    remark = f"'{PIECE}' is a {best} that periscopy calibrate --unknown found"
+    remark = f"'{PIECE}' is a {best} that a photograph shows"
     if result.doubts:
         remark += f": not trusted: {'; '.join(result.doubts)}"
     files = write_piece(room, KINDS[best], values, out, remark)
