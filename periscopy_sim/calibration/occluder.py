@@ -58,7 +58,6 @@ from periscopy_sim.numerics.validation import listed
 from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.load import SIDES, load_geometry
 from periscopy_sim.rendering.scene_files import TriangleMesh, literal, write_ply
-from periscopy_sim.rendering.survey import shadow_doubt
 from periscopy_sim.scene import CALIBRATED, CAMERA, RULER_ERROR, Scene
 from periscopy_sim.storage.outputs import staged_file
 from periscopy_sim.view import Geometry
@@ -180,8 +179,8 @@ NOISIER, UNEXPLAINED = 1.3, 1e-3
 a real photograph of a ball leaves 0.03 %."""
 
 PATCHES = 0.5
-"""Standard error of the image's place, or of its border's, from which a piece is not trusted: by
-half a patch an image loses about a decibel."""
+"""Standard error of the place of the image, or of its border, above which a piece is not trusted;
+chosen."""
 
 Range = tuple[float, float]
 
@@ -557,8 +556,6 @@ def find_occluder(
         result = _doubted(result, problem, search)
         odds = {name: float(np.exp((evidence[best] - e) / 2)) for name, e in evidence.items()}
         probabilities = {name: each / sum(odds.values()) for name, each in odds.items()}
-        if doubt := shadow_doubt(problem.scenario.at(**result.values)):
-            raise PhotographError(f"the photograph shows no shadow of a piece: {doubt}")
     values = _written(result)
     remark = f"'{PIECE}' is a {best} that a photograph shows"
     if result.doubts:
@@ -572,12 +569,12 @@ def _doubted(result: Calibration, problem: CalibrationProblem, search: PieceSear
     fine, reasons = search.fine, list[str]()
     light = np.concatenate([each.light.ravel() for each in fine.groups])
     noise = problem.camera_noise(fine.scene.pixels.size)
-    most = max(NOISIER * np.sqrt(np.mean(noise**2)), UNEXPLAINED * np.sqrt(np.mean(light**2)))
-    residual = np.sqrt(np.mean(result.noise**2) * np.mean(light**2))
-    if residual > most:
+    grain = np.sqrt(np.mean(noise**2) / np.mean(light**2))
+    residual = np.sqrt(np.mean(result.noise**2))
+    if residual > max(NOISIER * grain, UNEXPLAINED):
         reasons.append(
-            f"{residual / np.sqrt(np.mean(light**2)):.2%} of the light stays unexplained: what "
-            "stands there has another form, or is more than one piece"
+            f"{residual:.2%} of the light stays unexplained: the occluder has another form, or is "
+            "more than one piece"
         )
     # How far errors of the piece's place move an image whose shadows stay.
     hidden, (x, y, z) = problem.hidden, (p.statistical_error for p in result.parameters[:3])
@@ -591,12 +588,10 @@ def _doubted(result: Calibration, problem: CalibrationProblem, search: PieceSear
             f"the photograph leaves the image's place uncertain by {patches:.1f} patches, or its "
             "size; bound the piece's size or place"
         )
-    numbers = tuple(replace(each, trusted=not reasons) for each in result.parameters)
-    return (
-        replace(result, doubts=(*result.doubts, *reasons), parameters=numbers)
-        if reasons
-        else result
-    )
+    if not reasons:
+        return result
+    numbers = tuple(replace(each, trusted=False) for each in result.parameters)
+    return replace(result, doubts=(*result.doubts, *reasons), parameters=numbers)
 
 
 def _plain(result: Calibration, problem: CalibrationProblem) -> Calibration:
