@@ -1,7 +1,7 @@
 """How the light of a scenario is computed: what A and B are made of."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
@@ -57,6 +57,11 @@ class Light:
             validation.checked("samples", self.samples, "rays")
         if self.bounces is not None:
             validation.checked("bounces", self.bounces, "bounces")
+
+    @property
+    def computed(self) -> "Light":
+        """The same without a matrix of your own, which is of one scene alone."""
+        return replace(self, matrix=None, record={})
 
     @property
     def prototypes(self) -> list[str]:

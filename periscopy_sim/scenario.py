@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,9 @@ from periscopy_sim.shipped import DARK, find_condition, find_image, is_photograp
 from periscopy_sim.view import Geometry
 
 if TYPE_CHECKING:
+    from periscopy_sim.calibration.occluder import OccluderEstimate
     from periscopy_sim.calibration.result import Calibration
+    from periscopy_sim.calibration.silhouette import Silhouette
     from periscopy_sim.methods import Name
     from periscopy_sim.model.uncertainty import UncertainTransport
     from periscopy_sim.reconstruction.method import Note, Report, StillMethod
@@ -41,6 +43,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float], None]
 """Called with the fraction done."""
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -470,11 +474,37 @@ class Scenario(Geometry):
         """
         from periscopy_sim.calibration.calibrate import calibrate
 
-        options = {"camera": self.view.camera, "seed": self.seed, **options}
-        found = calibrate(photograph, self.scene, self.hidden.shapes, **options)
-        free = replace(self, light=replace(self.light, matrix=None, record={}))
-        moved = free.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
+        found = self._searched(calibrate, photograph, **options)
+        computed = replace(self, light=self.light.computed)
+        moved = computed.at(**{name: f"{value:.9g}" for name, value in found.values.items()})
         return replace(found, scenario=moved._carrying(found.scene_covariance.text()))
+
+    def find_occluder(self, photograph: Any, out: str | Path, **options: Any) -> "OccluderEstimate":
+        """Find one convex piece that this scene lacks, and write the scene that has it.
+
+        The options are the keywords of `periscopy_sim.find_occluder`. The calibration's `scenario`
+        is of the scene that was written.
+        """
+        from periscopy_sim.calibration.occluder import find_occluder
+
+        found = self._searched(find_occluder, photograph, out=out, **options)
+        seen = load_scenario(out, self.hidden.shapes, camera=self.view.camera)
+        whole = replace(seen, light=self.light.computed, seed=self.seed)
+        return replace(found, calibration=replace(found.calibration, scenario=whole))
+
+    def recover_silhouette(self, photograph: Any, shape: str, **options: Any) -> "Silhouette":
+        """Find the silhouette of a flat occluder, which nobody measured, by its shape's id.
+
+        The options are the keywords of `periscopy_sim.recover_silhouette`.
+        """
+        from periscopy_sim.calibration.silhouette import recover_silhouette
+
+        return self._searched(recover_silhouette, photograph, shape=shape, **options)
+
+    def _searched(self, search: Callable[..., Found], photograph: Any, **options: Any) -> Found:
+        """Return what a search over scenes finds from this one."""
+        options = {"camera": self.view.camera, "seed": self.seed, **options}
+        return search(photograph, self.scene, self.hidden.shapes, **options)
 
     def check(self, method: "Name | None" = None) -> "list[Note]":
         """Return notes on what the scene and its A lack, before anything is rendered.

@@ -60,21 +60,15 @@ class CalibrationSession(PhotoSession):
         mask, monitor_off = self.files()
         return [*self.photo, mask, *monitor_off, self.path, self.colour_matrix]
 
-    def read(self) -> dict[str, Any]:
-        """Return arguments of `calibrate` and of `recover_silhouette`."""
+    def read(self) -> tuple[list["ps.Photograph"], list[Any]]:
+        """Return the photographs, and the pictures that the monitor showed in the first ones."""
         self.warn_of(self.scenario.check(), but=("shadows",))  # which a calibration may mend
         wall = self.wall(self.photo[0])
         others = [self.photograph(file, wall.mask) for file in self.photo[1:]]
         several = len(self.scenario.hidden) > 1
         shown = [text.split(",") if several else [text] for text in self.shown or ()]
-        return {
-            "photograph": [wall, *others],
-            "scene": self.scenario.scene,
-            "hidden": self.sizes,
-            "camera": self.sensor,
-            "shown": [self.scenario.image(self.by_surface(each, "--shown")) for each in shown],
-            "seed": self.seed,
-        }
+        pictures = [self.scenario.image(self.by_surface(each, "--shown")) for each in shown]
+        return [wall, *others], pictures
 
     def write(self, file: Path, record: dict[str, Any]) -> None:
         """Write a result's record, and where it is from, as JSON."""
@@ -141,7 +135,7 @@ def find_parameters(
     with output.output_files(*outputs, inputs=session.inputs) as (scene, json, png):
         asides = [out.with_stem(f"{out.stem}_aside{k + 1}") for k in range(ASIDES)]
         spare_inputs(asides, session.inputs)
-        files = session.read()
+        photographs, shown = session.read()
         _write_copy(session, scene, {}, out)  # proves now that it can be written
         with (
             session.timed("calibrate"),
@@ -149,14 +143,13 @@ def find_parameters(
             output.progress("calibrating") as report,
         ):
             result = session.scenario.calibrate(
-                files["photograph"], shown=files["shown"], free=freed, uncertain=errors,
-                progress=report,
-            )  # fmt: skip
+                photographs, shown=shown, free=freed, uncertain=errors, progress=report
+            )
         remark = _distrust("periscopy calibrate", result.doubts)
         _write_copy(session, scene, _written(result, result.values), out, remark)
         session.warn(*result.doubts)
         session.write(json, result.record() | colours)
-        draw_calibration(png, files["photograph"][0], result, document.units, session.metadata)
+        draw_calibration(png, photographs[0], result, document.units, session.metadata)
         beside = asides[: len(result.rivals)]
         with output.output_files(*beside) as staged:  # last: all files are whole by then
             for rival, aside, file in zip(result.rivals, beside, staged, strict=True):
@@ -219,28 +212,23 @@ def find_piece(
     """Find a piece that nobody measured; write the scene that has it, JSON and a picture."""
     from periscopy_sim.figures.calibration import draw_calibration
 
+    names = [each.strip() for each in kinds.split(",")]
     box = None if within is None else [_range(each, "--within") for each in within.split(",")]
     extents = None if sizes is None else _range(sizes, "--sizes")
     with output.output_files(
         *(out.with_suffix(each) for each in (".json", ".png")), inputs=session.inputs
     ) as (json, png):
         spare_inputs([out], session.inputs)
-        files, doing = session.read(), "find the piece"
-        del files["shown"]
+        (photographs, _), doing = session.read(), "find the piece"
         with session.timed(doing), output.fixable("--unknown"), output.progress(doing) as report:
-            piece = ps.find_occluder(
-                out=out,
-                kinds=[each.strip() for each in kinds.split(",")],
-                within=box,
-                sizes=extents,
-                progress=report,
-                **files,
+            piece = session.scenario.find_occluder(
+                photographs, out, kinds=names, within=box, sizes=extents, progress=report
             )
         result = piece.calibration
         session.warn(*result.doubts)
         session.write(json, piece.record())
-        units = ps.load_scenario(out, session.sizes, camera=session.sensor).document.units
-        draw_calibration(png, files["photograph"][0], result, units, session.metadata)
+        units = result.scenario.document.units if result.scenario else {}
+        draw_calibration(png, photographs[0], result, units, session.metadata)
     output.written(*piece.files)
     kinds_by = sorted(piece.probabilities.items(), key=lambda each: -each[1])
     output.show_table([[kind, f"{100 * share:.0f} %"] for kind, share in kinds_by], ["kind", ""])
@@ -266,15 +254,17 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     picture = out.with_name(f"{out.stem}_silhouette.png")
     outputs = out, mesh, out.with_suffix(".json"), picture
     with output.output_files(*outputs, inputs=session.inputs) as (scene, ply, json, png):
-        files, doing = session.read(), "find the silhouette"
+        (photographs, shown), doing = session.read(), "find the silhouette"
         with session.timed(doing), output.fixable("--silhouette"), output.progress(doing) as report:
-            solution = ps.recover_silhouette(shape=shape, cells=size, progress=report, **files)
+            solution = session.scenario.recover_silhouette(
+                photographs, shape, cells=size, shown=shown, progress=report
+            )
         origin = f"'{shape}' is a silhouette by periscopy calibrate --silhouette"
         remark = _distrust(origin, solution.doubts) or origin
         write_masked_scene(session.scenario.document, solution, scene, ply, mesh.name, remark)
         session.warn(*solution.doubts)
         session.write(json, solution.record())
-        draw_silhouette(png, files["photograph"][0], solution, session.metadata)
+        draw_silhouette(png, photographs[0], solution, session.metadata)
     for row in solution.opaque:
         output.say("  " + "".join("##" if cell else " ." for cell in row))
     output.say(f"the photograph shows the shadows of {solution.seen.sum()} of these cells")

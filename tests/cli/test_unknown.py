@@ -22,25 +22,43 @@ def folder(tmp_path):
     np.save(tmp_path / "y.npy", photographed(tmp_path / "true.xml"))
 
 
-def test_a_piece_is_found_and_its_scene_reconstructs(succeeds, monkeypatch):
-    for name, few in {
-        "DRAWS": 16,
-        "VALLEYS": 1,
-        "LIKELY": 1,
-        "PATTERN": (),
-        "RIDGE": (4.0,),
-    }.items():
-        monkeypatch.setattr(occluder, name, few)
-    monkeypatch.setattr(search, "ROUNDS", 1)
-    monkeypatch.setattr(search, "PROPOSED", 3)
+@pytest.fixture
+def rough(monkeypatch):
+    """Do far less than finds a piece for sure."""
+    few = {"DRAWS": 16, "VALLEYS": 1, "LIKELY": 1, "PATTERN": (), "RIDGE": (4.0,)}
+    for name, value in few.items():
+        monkeypatch.setattr(occluder, name, value)
+    for name, value in {"ROUNDS": 1, "PROPOSED": 3, "SHIFTS": (0.5,)}.items():
+        monkeypatch.setattr(search, name, value)
+
+
+def found(succeeds):
     box = ("--within", "0.4:0.5,0.5:0.7,0.25:0.4", "--sizes", "0.1:0.14")
     outcome = succeeds("calibrate", *COMMAND, "--unknown", "ball", *box)
     assert "piece_radius" in outcome
     record = json.loads(Path("piece.json").read_text())
     assert record["kind"] == "ball" and record["probabilities"] == {"ball": 1}
+    return record
+
+
+@pytest.mark.usefixtures("rough")
+def test_a_piece_is_found_and_its_scene_reconstructs(succeeds):
+    found(succeeds)
     assert Path("piece_piece.ply").is_file() and Path("piece.png").is_file()
     scene = ("--scene", "piece.xml", "--hidden", "9x12")
     succeeds("reconstruct", "y.npy", *scene, "--out", "image")
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("rough")
+def test_python_finds_the_same(succeeds):
+    record, bare = found(succeeds), ps.load_scenario("room.xml", (9, 12))
+    box = {"within": [(0.4, 0.5), (0.5, 0.7), (0.25, 0.4)], "sizes": (0.1, 0.14)}
+    twin = bare.find_occluder(np.load("y.npy"), "twin/piece.xml", kinds="ball", **box)
+    values = {name: each["value"] for name, each in record["parameters"].items()}
+    assert twin.calibration.values == pytest.approx(values)
+    assert Path("twin/piece.xml").read_text() == Path("piece.xml").read_text()
+    assert twin.calibration.scenario.document.values["piece_x"] == f"{values['piece_x']:.9g}"
 
 
 @pytest.mark.parametrize(
