@@ -149,8 +149,9 @@ KINDS = {
 LEAST, LARGEST = 0.02, 0.3
 """Extents of a piece, over the distance between monitor and wall, if none are given."""
 
-DRAWS = 512
-"""Pieces of each kind that are compared."""
+DRAWS, DESCENTS = 2048, 48
+"""Pieces of each kind that are compared, and coarse descents that begin; by 512 and 12 a plate was
+taken for a ball."""
 
 COARSE = sum(SHARES[:2])
 """Fraction of a search that its coarse part has, for the progress."""
@@ -162,7 +163,7 @@ PATTERN, ROUNDS = (2.0, 1.0, 0.5), 2
 """Patches by which images move then, either way across, up and larger, and how often by each."""
 
 VALLEYS, LIKELY = 4, 8
-"""Ends of coarse descents, of `PROPOSED` ones, from which the ridge is followed; and scenes there
+"""Ends of coarse descents from which the ridge is followed; and scenes there
 that images of few edges compare."""
 
 NEAREST = 0.15
@@ -331,10 +332,11 @@ class PieceSearch(Search):
         A descent seldom leaves its depth, so the best ones are followed along the ridge.
         """
         level = self.coarse
-        looks = [level.look(each) for each in self.scanned()]
+        looks = [level.look(each) for each in self.scanned(DESCENTS)]
         for T in COOLING:
             looks = [self.descended(level, 1, look, T * level.photographs) for look in looks]
-        best = nsmallest(VALLEYS, looks, key=_objective)
+            looks = nsmallest(max(len(looks) // 2, VALLEYS), looks, key=_objective)
+        best = looks[:VALLEYS]
         return nsmallest(LIKELY, chain.from_iterable(map(self.ridge, best)), key=_objective)
 
     def starts(self) -> list[Candidate]:

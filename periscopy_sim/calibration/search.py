@@ -219,7 +219,7 @@ class Search:
         first, *rest = [self.fine.candidate(look.point) for look in distinct]
         return [first, *filter(_is_scene, rest)]
 
-    def scanned(self) -> list[Candidate]:
+    def scanned(self, most: int = PROPOSED) -> list[Candidate]:
         """Return draws of the prior that differ, those that explain most with smooth images."""
         level, errors, drawn = self.coarse, self.coarse.scene.errors, self.draws
         if drawn is None:
@@ -234,7 +234,7 @@ class Search:
                 scenes.append(candidate)
         for scene in sorted(scenes, key=lambda each: each.cost):
             steps = [level.values(scene.point - other.point) / errors for other in kept]
-            if len(kept) < PROPOSED and all(np.linalg.norm(step) > APART for step in steps):
+            if len(kept) < most and all(np.linalg.norm(step) > APART for step in steps):
                 kept.append(scene)
         return kept
 
