@@ -46,6 +46,8 @@ from periscopy_sim.calibration.result import Calibration, Parameter
 from periscopy_sim.calibration.search import (
     COOLING,
     SHARES,
+    SPREAD,
+    UNLIKELY,
     Place,
     Search,
     descend,
@@ -195,10 +197,10 @@ class OccluderEstimate:
     kind
         The likeliest kind.
     probabilities
-        Of each kind that was tried, by the evidence of coarse descents.
+        Of each kind that was tried, by the evidence of coarse descents and the `SPREAD` of places.
     calibration
-        The piece's numbers with their errors. Look at `Calibration.trusted` first; its
-        `scenario` is None: load the scene file.
+        The piece's numbers with their errors. Look at `Calibration.trusted` first; its `scenario`
+        is what `Scenario.find_occluder` loads of the scene file, else None.
     files
         The scene file, and its mesh if it has one.
     """
@@ -554,10 +556,10 @@ def find_occluder(
                 "the photograph shows no shadow of a piece: lamps explain it as well; check that "
                 "the monitor was on, and what the camera sees"
             )
-        result = _plain(calibrated(problem, seed, report, search), problem)
-        result = _doubted(result, problem, search)
-        odds = {name: float(np.exp((evidence[best] - e) / 2)) for name, e in evidence.items()}
+        odds = {name: float(np.exp((evidence[best] - e) / SPREAD)) for name, e in evidence.items()}
         probabilities = {name: each / sum(odds.values()) for name, each in odds.items()}
+        result = _plain(calibrated(problem, seed, report, search), problem)
+        result = _doubted(result, problem, search, probabilities)
     values = _written(result)
     remark = f"'{PIECE}' is a {best} that a photograph shows"
     if result.doubts:
@@ -566,8 +568,11 @@ def find_occluder(
     return OccluderEstimate(best, probabilities, result, files)
 
 
-def _doubted(result: Calibration, problem: CalibrationProblem, search: PieceSearch) -> Calibration:
-    """Return a result that is not trusted where its residual or its image's scale says so."""
+def _doubted(
+    result: Calibration, problem: CalibrationProblem, search: PieceSearch,
+    probabilities: Mapping[str, float],
+) -> Calibration:  # fmt: skip
+    """Return a result that is not trusted where its residual, its image or its kind says so."""
     fine, reasons = search.fine, list[str]()
     light = np.concatenate([each.light.ravel() for each in fine.groups])
     noise = problem.camera_noise(fine.scene.pixels.size)
@@ -590,6 +595,9 @@ def _doubted(result: Calibration, problem: CalibrationProblem, search: PieceSear
             f"the photograph leaves the image's place uncertain by {patches:.1f} patches, or its "
             "size; bound the piece's size or place"
         )
+    best = max(probabilities.values())
+    if others := [n for n, each in probabilities.items() if UNLIKELY < each < best]:
+        reasons.append(f"it may as well be a {' or a '.join(others)}; name the kind if you know it")
     if not reasons:
         return result
     numbers = tuple(replace(each, trusted=False) for each in result.parameters)
