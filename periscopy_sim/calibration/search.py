@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from heapq import nsmallest
 from itertools import chain
+from operator import itemgetter
 
 import numpy as np
 from scipy import special
@@ -227,16 +228,17 @@ class Search:
             steps = np.clip(WIDTH * special.ndtri(sobol), -prior.FARTHEST, prior.FARTHEST)
             drawn = level.centers + steps * errors
         points = np.pad(drawn, ((0, 0), (0, len(level.terms))))
-        scenes, kept = [], list[Candidate]()
-        for candidate in map(level.candidate, points):
-            if _is_scene(candidate):
-                self.visit(0, candidate)
-                scenes.append(candidate)
-        for scene in sorted(scenes, key=lambda each: each.cost):
-            steps = [level.values(scene.point - other.point) / errors for other in kept]
+        costs, kept = list[tuple[float, Array]](), list[Array]()
+        for point in points:  # a scene is large: it is made again if it is kept
+            scene = level.candidate(point)
+            if _is_scene(scene):
+                self.visit(0, scene)
+                costs.append((scene.cost, point))
+        for _, point in sorted(costs, key=itemgetter(0)):
+            steps = [level.values(point - other) / errors for other in kept]
             if len(kept) < most and all(np.linalg.norm(step) > APART for step in steps):
-                kept.append(scene)
-        return kept
+                kept.append(point)
+        return [level.candidate(point) for point in kept]
 
     def best(self, starts: Sequence[Candidate]) -> tuple[ResolutionLevel, Look]:
         """Return the best look that descents from some fine candidates lead to, and its level."""
