@@ -217,7 +217,8 @@ def sweep(
     methods
         Names, ``file.py:callable``, or callables of (scenario, A, B); a mapping gives them names.
     ambient
-        Shipped conditions, ``all``, ``adversarial``, EXR files or folders of such; or ``none``.
+        Shipped conditions, ``all``, ``adversarial``, scene files, EXR files or folders of these; or
+        ``none``.
         A mapping has light as of `Scenario.ambient` by name.
     flips
         Whether each ambient light is also flipped about each axis and about both (Sec. 4.1).
@@ -275,6 +276,8 @@ def sweep(
         axes["hidden"] = ["{}x{}".format(*validation.size_of(each)) for each in axes["hidden"]]
     own = dict(ambient) if isinstance(ambient, Mapping) else {}
     lights = dict.fromkeys(own) or conditions_of(ambient)
+    own |= {name: file for name, file in lights.items() if file and file.suffix == ".xml"}
+    lights |= dict.fromkeys(own)
     is_dark = DARK in lights and not own
     of = {name: f"vary {name}=" if name in axes else name for name in ("sbr", "snr")}
     if is_dark and ("sbr" in axes or sbr is not SBRS):
@@ -414,7 +417,7 @@ def images_by_name(
 
 
 def conditions_of(entries: Iterable[str | Path]) -> dict[str, Path | None]:
-    """Return the EXR file of each ambient light; None for a shipped condition, and for `DARK`."""
+    """Return the file of each ambient light; None for a shipped condition, and for `DARK`."""
     names = _names(entries, "ambient")
     if names == [DARK]:
         return {DARK: None}
@@ -423,13 +426,15 @@ def conditions_of(entries: Iterable[str | Path]) -> dict[str, Path | None]:
     for entry in names:
         path = Path(entry)
         files = sorted(path.glob("*.exr")) if path.is_dir() else [path]
-        added: dict[str, Path | None] = {file.stem: file for file in files if file.suffix == ".exr"}
+        added: dict[str, Path | None]
+        added = {file.stem: file for file in files if file.suffix in (".exr", ".xml")}
         added = dict.fromkeys(groups[entry]) if entry in groups else added
         if not added or added.keys() & lights.keys():
             guess = "" if entry in groups else did_you_mean(entry, groups)
             raise PeriscopyError(
-                f"ambient {entry}: {guess and f'{guess} '}write an EXR file, a folder of EXR "
-                f"files, all, adversarial, {', '.join(CONDITIONS)}, each once, or {DARK} alone"
+                f"ambient {entry}: {guess and f'{guess} '}write an EXR or a scene file, a folder "
+                f"of EXR files, all, adversarial, {', '.join(CONDITIONS)}, each once, or {DARK} "
+                "alone"
             )
         lights |= added
     return lights

@@ -146,5 +146,8 @@ def first_difference(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> 
     while old != new and isinstance(old, Mapping) and isinstance(new, Mapping):
         path.append(next(name for name in (*new, *old) if old.get(name) != new.get(name)))
         old, new = old.get(path[-1]), new.get(path[-1])
-    values = f"{json.dumps(old)[:48]}, here {json.dumps(new)[:48]}"
-    return f"{'.'.join(path)} {values}" if path else ""
+    texts = json.dumps(old), json.dumps(new)
+    pairs = enumerate(zip(*texts, strict=False))
+    start = max(next((k for k, (a, b) in pairs if a != b), 0) - 16, 0)
+    before, after = (f"{'…' if start else ''}{each[start : start + 48]}" for each in texts)
+    return f"{'.'.join(path)} {before}, here {after}" if path else ""

@@ -48,9 +48,13 @@ def test_groups_and_folders_of_ambient_light(tmp_path, monkeypatch):
     for name in ("b.exr", "a.exr", "notes.txt"):
         (tmp_path / "lights" / name).touch()
     found = {
-        name: str(path) for name, path in conditions_of(["lights", "snow", "more/c.exr"]).items()
+        name: str(path)
+        for name, path in conditions_of(["lights", "snow", "more/c.exr", "d.xml"]).items()
     }
-    assert found == {"a": "lights/a.exr", "b": "lights/b.exr", "snow": "None", "c": "more/c.exr"}
+    assert found == {"a": "lights/a.exr", "b": "lights/b.exr", "snow": "None"} | {
+        "c": "more/c.exr",
+        "d": "d.xml",
+    }
 
 
 def test_unknown_or_doubled_ambient_light_is_refused():

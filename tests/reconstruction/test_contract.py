@@ -92,14 +92,12 @@ def test_options_have_the_defaults_of_the_class_within_their_bounds(name):
 @every_method
 def test_options_reach_their_parameters_from_the_least_to_the_most(name):
     for option in METHODS[name].options:
-        for value in (option.least, 2 * option.default, option.most):
+        for value in (option.least, (option.default + option.most) / 2, option.most):
             method = METHODS[name](Scene(), A, B, **{option.name: value})
             if option.name != "rank_tolerance":  # not kept
                 assert getattr(method, option.parameter or option.name) == value
         for wrong in (-1, np.nan, *([0] if option.least else [])):
-            with pytest.raises(
-                ValueError, match=r"negative|weight|tolerance|regularization|threshold"
-            ):
+            with pytest.raises(ValueError):
                 method = METHODS[name](Scene(), A, B, **{option.name: wrong})
                 assert option.name == "rank_tolerance"  # every other at once
                 method.reconstruct(Y)
