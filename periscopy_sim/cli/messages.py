@@ -27,6 +27,10 @@ SENTENCES = {
     "nearly_fits": (
         "The scene nearly fits: {unexplained:.3g} % unexplained, {noise_alone:.3g} % noise."
     ),
+    "image_does_not_fit": (
+        "The scene fits, this image does not: {unexplained:.3g} % unexplained, {noise_alone:.3g} % "
+        "noise."
+    ),
     "does_not_fit": (
         "The scene does not fit: {unexplained_by_any:.3g} % unexplained, {noise_alone:.3g} % noise."
     ),

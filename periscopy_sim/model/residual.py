@@ -128,6 +128,11 @@ class Residual:
         return self.unexplained > max(over_photograph, over_noise * (self.noise_alone or 0.0))
 
     @property
+    def is_left(self) -> bool:
+        """Whether the image leaves more light than noise and rounding would."""
+        return self.unexplained > max(ROUNDED, LARGE_UNEXPLAINED[1] * (self.noise_alone or 0.0))
+
+    @property
     def misfit(self) -> float:
         """Energy that neither an image nor noise explains, over the photograph's."""
         return (self.unexplained_by_any or 0.0) ** 2 - (self.noise_alone or 0.0) ** 2

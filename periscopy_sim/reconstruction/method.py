@@ -68,6 +68,8 @@ class Report:
         code: str = residual.diagnosis if residual.diagnosis != "unknown" else "not_judged"
         if residual.is_large and code != "does_not_fit":
             code = "unexplained"
+        elif residual.is_left and code == "fits":
+            code = "image_does_not_fit"
         elif residual.is_smooth and code == "fits":
             code = "nearly_fits"
         names = "unexplained", "unexplained_by_any", "noise_alone"

@@ -9,6 +9,7 @@ def test_verdict_is_one_line_of_eighty_columns():
     for diagnosis, unexplained, noise, excess, code in [
         ("fits", 0.0071, 0.007, 1.0, "fits"),
         ("fits", 0.0081, 0.007, 9.0, "nearly_fits"),
+        ("fits", 0.0211, 0.007, 1.0, "image_does_not_fit"),
         ("fits", 1e-7, 1e-8, 9.0, "fits"),
         ("does_not_fit", 0.0081, 0.007, 1.0, "does_not_fit"),
         ("does_not_fit", 0.2, 0.007, 9.0, "does_not_fit"),
