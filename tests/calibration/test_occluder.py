@@ -28,8 +28,9 @@ def with_piece(room, kind, values):
 
 @pytest.mark.thorough
 def test_an_unmeasured_ball_is_found(room, monkeypatch):
-    monkeypatch.setattr(occluder, "DRAWS", 64)
-    monkeypatch.setattr(occluder, "DESCENTS", 12)
+    few = {"DRAWS": 64, "DESCENTS": 12, "VALLEYS": 1, "LIKELY": 2, "PATTERN": (1.0,)}
+    for name, value in few.items():
+        monkeypatch.setattr(occluder, name, value)
     y, seen = photographed(with_piece(room, "ball", BALL)), []
     out = room.with_name("found.xml")
     found = find_occluder(y, room, HIDDEN, out, kinds=["ball", "plate"], progress=seen.append)
