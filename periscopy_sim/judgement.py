@@ -178,7 +178,8 @@ def remedies_of(
     known = scene_covariance(scenario.document)
     if known and not known.trusted:
         return (Note("distrusted_scene", {"names": distant_parameters(scenario.document)}),)
-    if report.verdict.code == "unexplained" and fitted.name != DEFAULT:
+    is_image = report.verdict.code in ("unexplained", "image_does_not_fit")
+    if is_image and fitted.name != DEFAULT:
         return (Note("default_method"),)
     residual = report.residual
     if residual is None or not report.is_doubted:

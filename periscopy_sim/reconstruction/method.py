@@ -78,7 +78,7 @@ class Report:
     @property
     def is_doubted(self) -> bool:
         """Whether the verdict is a warning."""
-        return self.verdict.code in ("does_not_fit", "nearly_fits", "unexplained")
+        return self.verdict.code not in ("fits", "not_judged", "no_residual")
 
 
 class Method(Protocol):

@@ -24,6 +24,7 @@ def test_verdict_is_one_line_of_eighty_columns():
         remedies = [remedy] if code == "does_not_fit" else []
         report = Report(residual=residual if diagnosis else None, remedies=remedies)
         assert report.verdict.code == code
+        assert report.is_doubted == (("fit" in code and code != "fits") or code == "unexplained")
         line = messages.verdict(report, with_remedies=True)
         assert line.endswith("Pass --model analytic.") == bool(remedies)
         assert len(line) <= 80 and "\n" not in line
