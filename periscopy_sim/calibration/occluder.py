@@ -58,8 +58,8 @@ from periscopy_sim.hidden import Hidden, Sizes
 from periscopy_sim.numerics import Array, Image
 from periscopy_sim.numerics.validation import listed
 from periscopy_sim.photograph import Photograph, of_one_wall
-from periscopy_sim.rendering.load import SIDES, load_geometry
-from periscopy_sim.rendering.scene_files import TriangleMesh, literal, write_ply
+from periscopy_sim.rendering.load import load_geometry
+from periscopy_sim.rendering.scene_files import TriangleMesh, literal, revolved, write_ply
 from periscopy_sim.scene import CALIBRATED, CAMERA, RULER_ERROR, Scene
 from periscopy_sim.storage.outputs import staged_file
 from periscopy_sim.view import Geometry
@@ -78,7 +78,7 @@ class Kind:
     sizes: Mapping[str, float]  # fraction of its extent that each is, by name
     turns: Mapping[str, float]
     shaping: str  # what makes it of the plugin's own shape, in a room whose wall faces -y, z up
-    mesh: Callable[[], trimesh.Trimesh] | None = None
+    mesh: Callable[[], TriangleMesh] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,19 +108,14 @@ TURN = '<rotate z="1" angle="$piece_turn"/>'
 ROLL = '<rotate y="1" angle="$piece_roll"/>'
 
 
-def _ball() -> trimesh.Trimesh:
+def _ball() -> TriangleMesh:
     """Return a ball of radius 1, as wide on average as a sphere."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     # Of a convex body the mean width is Σ (length of an edge) (angle between its faces) / 4 π.
     edges = ball.vertices[ball.face_adjacency_edges]
     lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
-    return ball.apply_scale(2 / (lengths @ ball.face_adjacency_angles / (4 * np.pi)))
-
-
-def _cylinder() -> trimesh.Trimesh:
-    """Return a closed cylinder about the z axis, of radius and height 1 about the origin."""
-    wide = (np.pi / SIDES) / np.sin(np.pi / SIDES)  # its mean width is the circle's
-    return trimesh.creation.cylinder(wide, height=1, sections=SIDES)
+    ball.apply_scale(2 / (lengths @ ball.face_adjacency_angles / (4 * np.pi)))
+    return TriangleMesh(np.asarray(ball.vertices), np.asarray(ball.faces))
 
 
 KINDS = {
@@ -143,7 +138,7 @@ KINDS = {
         {"radius": 0.5, "height": 1},
         {"roll": 90},
         f'<scale x="$piece_radius" y="$piece_radius" z="$piece_height"/>{ROLL}',
-        _cylinder,
+        lambda: revolved(((0, -0.5), (1, -0.5), (1, 0.5), (0, 0.5))),
     ),
 }
 """Kinds of pieces. A box turns about the vertical, a cylinder rolls about the wall's normal."""
@@ -457,8 +452,7 @@ def write_piece(
         calibrated_scene.write_document(whole, stack.enter_context(staged_file(file)))
         if kind.mesh is None:
             return (file,)
-        made, staged = kind.mesh(), stack.enter_context(staged_file(mesh))
-        write_ply(staged, TriangleMesh(np.asarray(made.vertices), np.asarray(made.faces)))
+        write_ply(stack.enter_context(staged_file(mesh)), kind.mesh())
     return file, mesh
 
 

@@ -26,6 +26,7 @@ from periscopy_sim.rendering.nodes import (
     only_motions,
     texture_of,
 )
+from periscopy_sim.rendering.scene_files import SIDES
 from periscopy_sim.rendering.variant import LANES, dr, mi, without_warnings
 from periscopy_sim.rendering.wall import (
     camera_of,
@@ -155,9 +156,6 @@ def _see_through(nodes: SceneNodes, props: Any) -> Iterator[str]:
         elif name != "twosided":
             yield from _see_through(nodes, inner)
 
-
-SIDES = 128
-"""Sides of the polygon for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
 
 ASIDE = 1e-5, 2e-5
 """Distance in u and v to a point beside one that rays miss."""

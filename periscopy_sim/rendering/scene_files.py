@@ -56,6 +56,10 @@ UNREAD = re.compile(
 targets, bones, sparse and normalized numbers, and modes other than triangles."""
 
 
+SIDES = 128
+"""Sides of the polygon for a circle: its width is right to 2e-4, a thin rod's A to 1e-5."""
+
+
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
     """Triangles: vertices (V, 3) in the file's unit, faces (F, 3) of them, and UV (V, 2) or None.
@@ -66,6 +70,20 @@ class TriangleMesh:
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     texture_coordinates: NDArray[np.float64] | None = None
+
+
+@cache
+def revolved(outline: tuple[tuple[float, float], ...]) -> TriangleMesh:
+    """Return the closed mesh of an outline, (radius, z) from axis to axis, about the z axis.
+
+    The polygons of its circles have the circles' mean width.
+    """
+    import trimesh
+
+    # The mean over all directions of a convex outline's width is its length over pi.
+    wide = (np.pi / SIDES) / np.sin(np.pi / SIDES)
+    solid = trimesh.creation.revolve(np.multiply(outline, (wide, 1)), sections=SIDES)
+    return TriangleMesh(np.asarray(solid.vertices), np.asarray(solid.faces))
 
 
 def read_mesh(path: Path, kind: str | None = None) -> TriangleMesh:

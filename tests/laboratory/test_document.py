@@ -2,50 +2,7 @@ import pytest
 
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.laboratory import document
-
-
-def length(given):
-    return document.parse_quantity(given, document.LENGTHS, "12.5 cm +- 3 mm")
-
-
-def test_length_is_read_in_metres_and_rounded_once():
-    for text, value, error in [
-        ("12.5 cm +- 3 mm", 0.125, 0.003),
-        ("12.5cm±3mm", 0.125, 0.003),
-        ("  -1.03 m +/- .5 cm ", -1.03, 0.005),
-        ("12.5 +- 0.3 cm", 0.125, 0.003),
-        ("43.6 cm", 0.436, None),
-        ("+1e2 mm +- 0 mm", 0.1, 0),
-        ("1 in", 0.0254, None),
-        ("2 ft +- 1 in", 0.6096, 0.0254),
-    ]:
-        assert length(text) == document.Measured(value, error)
-
-
-def test_angles_and_bare_numbers():
-    for text in ("-12 deg +- 1 deg", "-12° ± 1°", "-12 degrees +- 1 degree"):
-        assert document.parse_quantity(text, document.ANGLES, "30 deg") == document.Measured(-12, 1)
-    assert document.parse_quantity("18 +- 2", {}, "18 +- 2") == document.Measured(18, 2)
-    assert document.parse_quantity(18, {}, "18 +- 2") == document.Measured(18, None)
-
-
-def test_what_is_no_length_is_refused():
-    for given, said in [
-        (1.03, "1.03 has no unit"),
-        ("1.03", "1.03 has no unit"),
-        ("1.03 m +- 3", "1.03 m [+]- 3 has no unit"),
-        ("1.03 CM", "'CM'; there are m, cm, mm, in, ft"),
-        ("12,5 cm", "is not a number with its unit"),
-        ("nan cm", "is not a number"),
-        ("1 m 3 cm", "is not a number"),
-        ("1 m +- -3 mm", "the error in .* is negative"),
-        ("", "is not a number"),
-        (True, "is not a number"),
-        ([1], "is not a number"),
-    ]:
-        with pytest.raises(ValueError, match=said):
-            length(given)
-
+from periscopy_sim.laboratory.entries import Measured
 
 LEAST = """\
 errors: {length: 5 mm, angle: 1 deg}
@@ -71,8 +28,8 @@ def written(tmp_path, text):
 
 def test_least_laboratory(tmp_path):
     found = document.load_laboratory(written(tmp_path, LEAST))
-    assert found.wall.distance == document.Measured(1.0, None) and found.camera.film == (12, 16)
-    assert found.monitor.turn == document.Measured(0.0, 0.0) and found.monitor.falloff is None
+    assert found.wall.distance == Measured(1.0, None) and found.camera.film == (12, 16)
+    assert found.monitor.turn == Measured(0.0, 0.0) and found.monitor.falloff is None
     assert found.occluders == () and found.folder == tmp_path.resolve()
 
 

@@ -6,7 +6,6 @@ import pytest
 from periscopy_sim.errors import ConfigurationError, SceneError
 from periscopy_sim.laboratory.build import build_laboratory
 from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
-from periscopy_sim.laboratory.scene_text import corners_seen
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.scenario import load_scenario
@@ -169,7 +168,7 @@ def test_corners_are_those_that_mitsuba_sees(built, tmp_path):
     text = (tmp_path / "lab.yaml").read_text().replace("view: 20 deg", f"view: {half} deg")
     (tmp_path / "narrow.yaml").write_text(text)
     narrow = load_laboratory(tmp_path / "narrow.yaml")
-    expected = corners_seen(narrow.camera, narrow.wall)
+    expected = narrow.camera.corners_seen(narrow.wall)
     np.testing.assert_allclose(points[[0, 1, 3, 2]][:, [0, 2]], expected, atol=3e-6)
 
 

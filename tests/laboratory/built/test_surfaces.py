@@ -10,7 +10,6 @@ from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import ConfigurationError
 from periscopy_sim.laboratory.build import build_laboratory
 from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
-from periscopy_sim.laboratory.scene_text import corners_seen
 from periscopy_sim.rendering.load import load_scene
 from periscopy_sim.rendering.scene_files import read_document, read_mesh
 from periscopy_sim.rendering.shadow_rays import render_transport
@@ -153,7 +152,7 @@ monitor: {{width: 20 cm, height: 20 cm, center: [0 m, -1 m, 1 m], tilt: {70 if u
     far = np.linalg.norm(points[[0, 12], 8] - [1, -1, 1.2], axis=1)
     assert (far[0] < far[1]) == up
     seen = load_laboratory(tmp_path / "lab.yaml")
-    corners = corners_seen(seen.camera, seen.wall)
+    corners = seen.camera.corners_seen(seen.wall)
     ends = scenario.view.corners[1][:, :2]  # of the centres of the corner pixels
     off = np.linalg.norm(ends - corners, axis=1)
     assert (off < 0.08 * np.linalg.norm(corners[0] - corners[2])).all()
