@@ -26,7 +26,7 @@ from .evaluation.sweep import Sweep, World, flips, run_sweep
 from .figures.display import save_png, show, to_srgb
 from .figures.laboratory import draw
 from .hidden import Hidden, Surface
-from .laboratory.build import build_laboratory, lab
+from .laboratory.document import build_laboratory, lab
 from .light import Light
 from .live.watch import watch
 from .measurement import add_noise, composite

@@ -40,7 +40,7 @@ class RoomPlan:
 
     `axes` are the three axes' numbers, `wall` the places of the two along the wall, and `others`
     those of the other two panels. Where the wall stands, the second axis runs towards it; where it
-    lies, to the picture's top. `signs` are -1 where an axis runs the other way in the drawing. The
+    lies, to the picture's top. Axes that are `mirrored` run the other way in the drawing. The
     wall's `normal`, the view's `middle` on it, the camera's `eye`, and the drawing's corners `low`
     and `high` are (3,).
     """
@@ -61,8 +61,7 @@ class RoomPlan:
         self.wall, *self.others = (
             [(0, 1), (0, 2), (1, 2)] if self.lies else [(0, 2), (1, 2), (0, 1)]
         )
-        signs = rightwards[across] >= 0, facing[1 - across] >= 0, True
-        self.signs = [1 if each else -1 for each in signs]
+        self.mirrored = np.array([rightwards[across] < 0, facing[1 - across] < 0, False])
         hidden = np.concatenate([each.reshape(-1, 3) for each in survey.corners.values()])
         core = np.concatenate([survey.view_origins, survey.view_points, hidden])
         size = float(np.max(np.ptp(core, axis=0)))
@@ -76,10 +75,6 @@ class RoomPlan:
         low, high = points.min(axis=0), points.max(axis=0)
         margin = 0.09 * float(np.max(high - low))
         self.low, self.high = low - margin, high + margin
-
-    def label(self, k: int) -> str:
-        """Return the name of an axis, and its unit."""
-        return f"{'xyz'[self.axes[k]]} / m"
 
     def occluders(self) -> dict[str, Array]:
         """Return the middle of each occluder that stands off the wall, (3,), by name."""
@@ -498,7 +493,7 @@ def draw(scenario: Scenario) -> "Figure":
     spans = np.maximum(spans, spans.max() / 2)  # labels need room
     scale = min(0.86 * PAGE / (spans[0] + spans[1]), TALLEST / spans[1], TALLEST / spans[2])
     ends = (low + high)[axes] / 2 + spans * np.array([[-0.5], [0.5]])
-    ends[:, np.array(layout.signs) < 0] = ends[::-1, np.array(layout.signs) < 0]
+    ends[:, layout.mirrored] = ends[::-1, layout.mirrored]
     lines = [line for each in (LINES, *facts(layout)) for line in wrap(each, CHARACTERS)]
     height = scale * (spans[1] + spans[2]) + 1.9 + 0.24 * len(lines)
     with mpl.rc_context(STYLE | LARGER):
@@ -512,7 +507,8 @@ def draw(scenario: Scenario) -> "Figure":
         titles = {(0, 2): "from the front", (1, 2): "from the side", (0, 1): "plan"}
         titles[layout.wall] = "the wall as the camera faces it"
         for (h, v), ax in panels.items():
-            ax.set(title=titles[h, v], xlabel=layout.label(h), ylabel=layout.label(v))
+            across, up = ("xyz"[axes[k]] for k in (h, v))
+            ax.set(title=titles[h, v], xlabel=f"{across} / m", ylabel=f"{up} / m")
             ax.set(xlim=ends[:, h], ylim=ends[:, v], aspect="equal")
             ax.locator_params(nbins=5)
         front.tick_params(labelbottom=False)  # the plan below and the front beside have them

@@ -1,14 +1,12 @@
-"""The occluders of a laboratory: one class a kind, and their table, `AnyOccluder`.
+"""The occluders of a laboratory: one class a kind, and their table, `AnyBody`.
 
-A class states its entries, with the units and ranges that their types have, and its shapes. All
-else follows from the table: what a document accepts, its errors, and the scene's text. Drawings and
-checks read the scene.
+A class states its entries, whose types have units and ranges, and its shapes. What a document
+accepts, its errors and the scene follow from the table; drawings and checks read the scene.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -28,12 +26,8 @@ FOOT = 0.01
 """Height of a mesh's lowest face, over the mesh's: that of a scan is flat to some 3 mm of 30 cm."""
 
 
-@dataclass(frozen=True)
-class Shape:
-    """A shape of Mitsuba's: its plugin, the tags that make a body's part of it, other tags of its.
-
-    `part` is the last word of its id if the body has several.
-    """
+class Shape(NamedTuple):
+    """One of Mitsuba's: its plugin, what shapes it, its other tags, the last word of its id."""
 
     plugin: str
     shaping: Iterable[str] = ()
@@ -54,7 +48,7 @@ def block(middle: tuple[int, ...], *sizes: str, part: str = "") -> Shape:
     return Shape("rectangle", (tag("rotate", x=1, angle=90), *shaping), part=part)
 
 
-class Occluder(Strict):
+class Body(Strict):
     """Name, bearer and reflectance, of all occluders.
 
     With a bearer (``with`` in a document), places and turns are in the bearer's coordinates: from
@@ -80,10 +74,6 @@ class Occluder(Strict):
         """Return what messages call it."""
         return f"occluder '{self.name}'"
 
-    def add_to(self, scene: SceneText, bearer: list[str]) -> list[str]:
-        """Add its numbers and shapes, given its bearer's tags to the world; return its own tags."""
-        raise NotImplementedError
-
     def _placed(self, measured: entries.Measured) -> entries.Measured:
         """Return a place or turn; one without an error is exact if another occluder bears this."""
         is_exact = self.bearer and measured.error is None
@@ -94,7 +84,7 @@ class Occluder(Strict):
         return f", in the coordinates of '{self.bearer}'" if self.bearer else ""
 
 
-class Body(Occluder):
+class StandingBody(Body):
     """Place and turns of all occluders that stand at a place: that of their `anchor`, or base."""
 
     position: entries.Place
@@ -102,7 +92,7 @@ class Body(Occluder):
     tilt: entries.Angle = entries.exactly(0.0)
 
     def add_to(self, scene: SceneText, bearer: list[str]) -> list[str]:
-        """Add its numbers and its shapes in place."""
+        """Add its numbers and shapes, given its bearer's tags to the world; return its own tags."""
         scene.section(
             f"The {self.kind} '{self.name}': the place of its {self._anchor}, its tilt and turn "
             f"there{self._beside}."
@@ -129,6 +119,17 @@ class Body(Occluder):
         width, height, thickness = self._sizes(scene, "width", "height", deep)
         return (block(ANCHORS[self._anchor], width, thickness, height),)
 
+    def _round(self, scene: SceneText, *outline: tuple[float, float]) -> Iterable[Shape]:
+        """Return a solid of revolution of a diameter and a height.
+
+        Its outline, (radius, z) from axis to axis for a diameter and a height of 1, stands on
+        z = 0. Bodies of one kind share the mesh.
+        """
+        across, height = self._sizes(scene, "diameter", "height")
+        lowered = [tag("translate", z=-0.5)] if self._anchor == "center" else []
+        shaping = *lowered, tag("scale", x=across, y=across, z=height)
+        return (Shape("ply", shaping, scene.mesh(self.kind, revolved(outline))),)
+
     def _sizes(self, scene: SceneText, *names: str) -> list[str]:
         """Declare sizes in a scene; return the references to them, empty where there is none."""
         return [
@@ -139,7 +140,7 @@ class Body(Occluder):
         ]
 
 
-class Box(Body):
+class Box(StandingBody):
     """A box: width along x, depth along y, height along z, before it is turned."""
 
     kind: Literal["box"]
@@ -152,7 +153,7 @@ class Box(Body):
         return self._block(scene, "depth")
 
 
-class Plate(Body):
+class Plate(StandingBody):
     """An upright plate, parallel to the wall before it is turned."""
 
     kind: Literal["plate"]
@@ -165,7 +166,7 @@ class Plate(Body):
         return self._block(scene, "thickness")
 
 
-class Frame(Body):
+class Frame(StandingBody):
     """An upright frame of four bars; `bar` is how wide they are."""
 
     parts: ClassVar[tuple[str, ...]] = ("left", "right", "bottom", "top")
@@ -189,24 +190,19 @@ class Frame(Body):
         yield Shape("cube", top, part="top")
 
 
-class UprightCylinder(Body):
+class UprightCylinder(StandingBody):
     """A cylinder that stands, before it is tilted."""
 
-    # (radius, height) from axis to axis of a mesh that all bodies of the kind share.
-    outline: ClassVar[tuple[tuple[float, float], ...]] = (0, 0), (0.5, 0), (0.5, 1), (0, 1)
     kind: Literal["cylinder"]
     anchor: Literal["base", "center"] = "base"
     diameter: entries.Size
     height: entries.Size
 
     def _shapes(self, scene: SceneText) -> Iterable[Shape]:
-        across, height = self._sizes(scene, "diameter", "height")
-        lowered = [tag("translate", z=-0.5)] if self.anchor == "center" else []
-        shaping = *lowered, tag("scale", x=across, y=across, z=height)
-        yield Shape("ply", shaping, scene.mesh(self.kind, revolved(self.outline)))
+        return self._round(scene, (0, 0), (0.5, 0), (0.5, 1), (0, 1))
 
 
-class Rod(Occluder):
+class Rod(Body):
     """A round rod between two points."""
 
     has_axes: ClassVar[bool] = False
@@ -222,7 +218,7 @@ class Rod(Occluder):
         return self
 
     def add_to(self, scene: SceneText, bearer: list[str]) -> list[str]:
-        """Add its numbers and a cylinder."""
+        """Add its numbers and a cylinder, given its bearer's tags to the world; return these."""
         name, entry = self.name, self.entry
         scene.section(f"The rod '{name}': its ends{self._beside}, and its radius.")
         for end, point in (("start", self.start), ("end", self.end)):
@@ -240,7 +236,7 @@ class Rod(Occluder):
         return bearer
 
 
-class Edge(Body):
+class Edge(StandingBody):
     """A wall that ends: its position is the foot of its free end, from which it runs along x.
 
     Without a thickness it is a plane.
@@ -256,7 +252,7 @@ class Edge(Body):
         return self._block(scene, "thickness")
 
 
-class Doorway(Body):
+class Doorway(StandingBody):
     """A wall with an opening: its position is the corner where jamb and lintel meet.
 
     Before it is turned, the opening runs from there along x and down, the jamb's wall the other
@@ -281,7 +277,7 @@ class Doorway(Body):
         yield block((-1, 0, 1), jamb, thickness, lintel, part="corner")
 
 
-class MeshBody(Body):
+class MeshBody(StandingBody):
     """A mesh file; its anchor stands at the position."""
 
     kind: Literal["mesh"]
@@ -314,11 +310,9 @@ class MeshBody(Body):
             mesh = read_mesh(path)
         except ValueError as error:
             raise ConfigurationError(f"{self.entry}: the file '{path}' {error}; {REMEDY}") from None
-        unit = self.unit or ("m" if self._is_gltf else "")
-        x, y, z = mesh.vertices.T * float(entries.LENGTHS[unit])
+        x, y, z = mesh.vertices.T * float(entries.LENGTHS[self.unit or "m"])
         up = self.up or ("y" if self._is_gltf else "z")
-        turned = {"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[up]
-        vertices = np.stack(turned, axis=1)
+        vertices = np.stack({"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[up], axis=1)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         if self.anchor == "base":
             foot = vertices[vertices[:, 2] <= low[2] + FOOT * (high - low)[2]]
@@ -329,7 +323,7 @@ class MeshBody(Body):
         return TriangleMesh(vertices, mesh.faces, mesh.texture_coordinates)
 
 
-AnyOccluder = Annotated[
+AnyBody = Annotated[
     Box | Plate | Frame | UprightCylinder | Rod | Edge | Doorway | MeshBody,
     Field(discriminator="kind"),
 ]

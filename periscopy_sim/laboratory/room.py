@@ -93,9 +93,7 @@ class LyingWall(Wall):
 AnyWall = Annotated[
     StandingWall | LyingWall,
     Field(discriminator="kind"),
-    BeforeValidator(
-        lambda given: {"kind": "standing", **given} if isinstance(given, dict) else given
-    ),
+    BeforeValidator(lambda wall: {"kind": "standing"} | wall if isinstance(wall, dict) else wall),
 ]
 
 

@@ -116,7 +116,7 @@ def test_wall_that_lies_is_drawn_as_the_plan_with_up_upwards():
     """The doorway's ceiling: its picture's top is towards -y, the room below it, past the jamb."""
     scenario = load_scenario("doorway", (6, 8), photograph=(12, 12))
     layout = RoomPlan(scenario)
-    assert (layout.axes, layout.signs, layout.wall) == ((0, 1, 2), [1, -1, 1], (0, 1))
+    assert (layout.axes, *layout.mirrored, layout.wall) == ((0, 1, 2), False, True, False, (0, 1))
     figure = draw(scenario)
     found = {ax.get_title(): ax for ax in figure.axes}
     assert list(found) == ["from the front", "from the side", TITLES[0], "in space"]

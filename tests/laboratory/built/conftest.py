@@ -1,6 +1,6 @@
 import pytest
 
-from periscopy_sim.laboratory.build import build_laboratory
+from periscopy_sim.laboratory.document import build_laboratory
 from periscopy_sim.scenario import load_scenario
 from tests.scenes.laboratory import HIDDEN
 

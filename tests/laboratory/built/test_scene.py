@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from periscopy_sim.errors import ConfigurationError, SceneError
-from periscopy_sim.laboratory.build import build_laboratory
-from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
+from periscopy_sim.laboratory.document import EXAMPLE, build_laboratory, load_laboratory
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.scenario import load_scenario

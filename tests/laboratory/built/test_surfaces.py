@@ -8,8 +8,7 @@ import pytest
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import ConfigurationError
-from periscopy_sim.laboratory.build import build_laboratory
-from periscopy_sim.laboratory.document import EXAMPLE, load_laboratory
+from periscopy_sim.laboratory.document import EXAMPLE, build_laboratory, load_laboratory
 from periscopy_sim.rendering.load import load_scene
 from periscopy_sim.rendering.scene_files import read_document, read_mesh
 from periscopy_sim.rendering.shadow_rays import render_transport
