@@ -36,10 +36,7 @@ class Shape(NamedTuple):
 
 
 def block(middle: tuple[int, ...], *sizes: str, part: str = "") -> Shape:
-    """Return a box of sizes along x, y, z or, without a thickness along y, a plane.
-
-    `middle` is that of one of side 2 whose anchor is the origin.
-    """
+    """Return a box of sizes along x, y, z, a plane if that along y is empty; middle: `ANCHORS`."""
     moved = tag("translate", **dict(zip("xyz", middle, strict=True)))
     scaled = {axis: each for axis, each in zip("xyz", sizes, strict=True) if each}
     shaping = moved, tag("scale", value=0.5), tag("scale", **scaled)
@@ -120,10 +117,9 @@ class StandingBody(Body):
         return (block(ANCHORS[self._anchor], width, thickness, height),)
 
     def _round(self, scene: SceneText, *outline: tuple[float, float]) -> Iterable[Shape]:
-        """Return a solid of revolution of a diameter and a height.
+        """Return a solid of revolution; bodies of one kind share its mesh.
 
-        Its outline, (radius, z) from axis to axis for a diameter and a height of 1, stands on
-        z = 0. Bodies of one kind share the mesh.
+        Its outline, (radius, z) from axis to axis, is that of a diameter and a height of 1.
         """
         across, height = self._sizes(scene, "diameter", "height")
         lowered = [tag("translate", z=-0.5)] if self._anchor == "center" else []
@@ -221,15 +217,14 @@ class Rod(Body):
         """Add its numbers and a cylinder, given its bearer's tags to the world; return these."""
         name, entry = self.name, self.entry
         scene.section(f"The rod '{name}': its ends{self._beside}, and its radius.")
-        for end, point in (("start", self.start), ("end", self.end)):
+        ends = []
+        for p, end, point in (("p0", "start", self.start), ("p1", "end", self.end)):
             scene.place(f"{name}_{end}", map(self._placed, point), f"{entry}: {end}")
+            at = ", ".join(f"${name}_{end}_{axis}" for axis in "xyz")
+            ends.append(tag("point", name=p, value=at))
         value, error = self.diameter.value, self.diameter.error
         radius = entries.Measured(value / 2, None if error is None else error / 2)
         declared = scene.declare(f"{name}_radius", radius, "length", f"{entry}: diameter")
-        ends = [
-            tag("point", name=p, value=f"${name}_{end}_x, ${name}_{end}_y, ${name}_{end}_z")
-            for p, end in (("p0", "start"), ("p1", "end"))
-        ]
         thickness = tag("float", name="radius", value=declared)
         to_world = transform(*bearer) if bearer else ""
         scene.add("cylinder", name, *ends, thickness, to_world, paint(self.reflectance))

@@ -69,7 +69,7 @@ class Laboratory(Strict):
         if self.monitor is not None:
             self.monitor.add_to(scene, MONITOR)
         for surface in self.hidden:
-            surface.add_to(scene, surface.id)
+            surface.add_to(scene, f"{HIDDEN}_{surface.name}")
         to_world: dict[str, list[str]] = {"": []}  # from each occluder's own coordinates
         for body in self.occluders:
             to_world[body.name] = body.add_to(scene, to_world[body.bearer])

@@ -11,7 +11,7 @@ from periscopy_sim.laboratory import entries
 from periscopy_sim.laboratory.scene_text import SceneText, paint, tag, transform
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.scene_files import TriangleMesh
-from periscopy_sim.scene import HIDDEN, MONITOR
+from periscopy_sim.scene import MONITOR
 from periscopy_sim.storage.yaml_document import RowsAndColumns, Strict
 
 WALL = {"least": 1.0, "beyond": 1.5}
@@ -65,8 +65,7 @@ class Wall(Strict):
         middle = map(float, np.round((low + high) / 2, 2))
         half = max(WALL["least"], float(np.ceil(50 * WALL["beyond"] * np.max(high - low)) / 100))
         scene.section(f"The wall: its {self.depth}.")
-        entry = f"wall.{self.measure}"
-        place = scene.declare(f"wall_{self.measure}", self.place, "length", entry)
+        place = scene.declare(f"wall_{self.measure}", self.place, "length", f"wall.{self.measure}")
         turned = [tag("rotate", x=1, angle=TURNS[self.kind])] * (self.kind != "floor")
         moved = tag("translate", **dict(zip(self.axes, middle, strict=True)), **{self.depth: place})
         to_world = transform(tag("scale", value=half), *turned, moved)
@@ -237,18 +236,13 @@ class _Rectangle(Strict):
 
     @model_validator(mode="after")
     def _has_one_place(self) -> Self:
-        if sum(place is not None for place in self.places.values()) != 1:
-            raise ValueError(f"give one of {', '.join(self.places)}: [x, y, z]")
+        if sum(getattr(self, name) is not None for name in PLACES) != 1:
+            raise ValueError(f"give one of {', '.join(PLACES)}: [x, y, z]")
         return self
-
-    @property
-    def places(self) -> dict[str, entries.Place | None]:
-        """Return the places by name; exactly one is not None."""
-        return {name: getattr(self, name) for name in PLACES}
 
     def _to_world(self, scene: SceneText, name: str) -> str:
         """Declare the numbers of a surface of an id; return its place."""
-        where, place = next((name, place) for name, place in self.places.items() if place)
+        where, place = next((e, place) for e in PLACES if (place := getattr(self, e)))
         what = "The lit part of the monitor" if name == MONITOR else f"The hidden surface '{name}'"
         scene.section(
             f"{what}: its size, the place of its {where.replace('_', ' ')} as a viewer sees it, "
@@ -299,11 +293,6 @@ class _HiddenSurface(Strict):
     """Name of all hidden surfaces of the list; the scene has it after ``hidden_``."""
 
     name: entries.Name
-
-    @property
-    def id(self) -> str:
-        """Return its id in the scene."""
-        return f"{HIDDEN}_{self.name}"
 
 
 class HiddenScreen(Screen, _HiddenSurface):

@@ -1,6 +1,13 @@
 """Parts of a laboratory's document, and the points of what they describe."""
 
+from typing import get_args
+
 import numpy as np
+
+from periscopy_sim.laboratory.bodies import AnyBody
+
+BODIES = get_args(get_args(AnyBody)[0])
+KINDS = {get_args(body.model_fields["kind"].annotation)[0] for body in BODIES}
 
 WALL = "errors: {length: 5 mm, angle: 1 deg}\nwall: {distance: 1.1 m +- 2 mm, reflectance: 0.6}\n"
 

@@ -6,12 +6,14 @@ import trimesh
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.errors import ConfigurationError, OutputError
+from periscopy_sim.laboratory.document import load_laboratory
 from periscopy_sim.rendering.scene_files import read_document
 from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.scenario import load_scenario
 from tests.scenes.laboratory import (
     CAMERA,
     HIDDEN,
+    KINDS,
     MONITOR,
     POSITION,
     WALL,
@@ -52,9 +54,11 @@ def test_frame_is_four_bars_about_its_opening(built):
 
 
 @pytest.mark.parametrize(("anchor", "low"), [("base", 0.0), ("center", -0.05)])
-def test_cylinder_is_round_and_closed(built, anchor, low):
+@pytest.mark.parametrize(("kind", "full"), [("cylinder", 1)])
+def test_round_body_is_round_and_closed(built, kind, full, anchor, low):
+    """Its volume is this fraction of a cylinder's."""
     sizes = f"diameter: 6 cm, height: 10 cm, anchor: {anchor}"
-    (thing,) = built(WALL, CAMERA, MONITOR, occluders("cylinder", sizes)).scene.occluders
+    (thing,) = built(WALL, CAMERA, MONITOR, occluders(kind, sizes)).scene.occluders
     upright = (thing.vertices - POSITION) @ turned(np.eye(3), -15, 25).T
     radius = np.hypot(upright[:, 0], upright[:, 1])
     rim = radius > 0.001
@@ -65,7 +69,9 @@ def test_cylinder_is_round_and_closed(built, anchor, low):
     assert len(directed) == len(edges) and {(b, a) for a, b in directed} == directed  # closed
     a, b, c = np.moveaxis(upright[thing.faces], 1, 0)
     volume = np.sum(a * np.cross(b, c)) / 6
-    np.testing.assert_allclose(volume, np.pi * 0.03**2 * 0.1, rtol=1e-3)  # its outside is outside
+    np.testing.assert_allclose(
+        volume, full * np.pi * 0.03**2 * 0.1, rtol=1e-3
+    )  # its outside is outside
 
 
 def test_rod_lies_between_its_ends(built):
@@ -93,6 +99,8 @@ def test_every_kind_of_part_has_areas_that_its_numbers_move(built, tmp_path):
     ball = trimesh.creation.icosphere(2, 20)
     ball.export(tmp_path / "c.ply")
     scenario = built(WALL, CAMERA, MONITOR, parts % tuple(places))
+    kinds = {body.kind for body in load_laboratory(tmp_path / "lab.yaml").occluders}
+    assert kinds == KINDS - {"edge", "doorway"}  # which have tests of their own
     rays, areas = render_transport(scenario, samples=256), area_transport(scenario)
     np.testing.assert_allclose(areas.sum(axis=1), rays.sum(axis=1), rtol=0.02)
     for name in ("a_x", "b_turn", "c_z", "d_bar", "e_diameter", "f_radius", "f_end_y", "g_end_x"):

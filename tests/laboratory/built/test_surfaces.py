@@ -14,7 +14,7 @@ from periscopy_sim.rendering.scene_files import read_document, read_mesh
 from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.scenario import load_scenario
 from periscopy_sim.shipped import scenes_folder
-from tests.scenes.laboratory import CAMERA, MONITOR, WALL, corners_of, same_points, turned
+from tests.scenes.laboratory import CAMERA, KINDS, MONITOR, WALL, corners_of, same_points, turned
 
 EXACT = "errors: {length: 5 mm, angle: 1 deg}\n"
 
@@ -223,6 +223,7 @@ def test_laboratory_without_a_hidden_surface_is_refused(built):
 def test_every_kind_of_the_commented_example_makes_a_scene(tmp_path):
     """What the example has in comments, but for a mesh file of the user's."""
     text = EXAMPLE.read_text("utf-8")
+    assert not [kind for kind in KINDS if not re.search(rf"\b{kind}\b", text)]
     surfaces = text[text.index("# hidden:") : text.index("# -- what stands between")]
     parts = text[text.index("  # - name: cap") : text.index("  # - name: chair")]
     text = text.replace(surfaces, re.sub("(?m)^# ?", "", surfaces))
@@ -231,8 +232,10 @@ def test_every_kind_of_the_commented_example_makes_a_scene(tmp_path):
     scene, *_ = build_laboratory(tmp_path / "all.yaml", tmp_path / "all.xml")
     loaded = load_scene(scene)
     assert list(loaded.emission) == ["monitor", "hidden_second", "hidden_card", "hidden_room"]
-    names = {occluder.name for occluder in loaded.occluders}
-    assert {"cap", "end", "door_jamb", "door_lintel", "door_corner"} <= names
+    bodies = load_laboratory(tmp_path / "all.yaml").occluders
+    ids = set().union(*(body.ids - ({body.name} if body.parts else set()) for body in bodies))
+    assert {occluder.name for occluder in loaded.occluders} == ids
+    assert {"cap", "end", "door_jamb", "door_lintel", "door_corner"} <= ids
 
 
 @pytest.mark.parametrize(
