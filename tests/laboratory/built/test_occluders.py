@@ -7,7 +7,7 @@ import trimesh
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.errors import ConfigurationError, OutputError
 from periscopy_sim.laboratory.document import load_laboratory
-from periscopy_sim.rendering.scene_files import read_document
+from periscopy_sim.rendering.scene_files import SIDES, read_document
 from periscopy_sim.rendering.shadow_rays import render_transport
 from periscopy_sim.scenario import load_scenario
 from tests.scenes.laboratory import (
@@ -62,7 +62,8 @@ def test_round_body_is_round_and_closed(built, kind, full, anchor, low):
     upright = (thing.vertices - POSITION) @ turned(np.eye(3), -15, 25).T
     radius = np.hypot(upright[:, 0], upright[:, 1])
     rim = radius > 0.001
-    np.testing.assert_allclose(radius[rim], 0.03, rtol=2e-4)
+    width = SIDES * 2 * radius[rim] * np.sin(np.pi / SIDES) / np.pi  # a polygon's, on average
+    np.testing.assert_allclose(width, 0.06, rtol=2e-5)
     np.testing.assert_allclose(np.unique(np.round(upright[:, 2], 5)), [low, low + 0.1], atol=1e-5)
     edges = np.concatenate([thing.faces[:, [0, 1]], thing.faces[:, [1, 2]], thing.faces[:, [2, 0]]])
     directed = {tuple(edge) for edge in edges.tolist()}
@@ -205,6 +206,14 @@ def test_files_that_are_given_are_not_written_over(built, tmp_path):
     with pytest.raises(OutputError, match="it is one of the files given"):
         built(WALL, CAMERA, MONITOR, occluders("mesh", more))
     assert (tmp_path / "lab_thing.ply").read_bytes() == before
+
+
+@pytest.mark.usefixtures("tent")
+def test_mesh_with_the_name_of_the_cylinders_is_refused(built):
+    cylinder = "{kind: cylinder, name: a, diameter: 1 cm, height: 1 cm, position: [0 m, 0 m, 0 m]}"
+    mesh = occluders("mesh", "file: tent.stl, unit: mm").replace("name: thing", "name: cylinder")
+    with pytest.raises(ConfigurationError, match="a mesh is called 'cylinder'; name it otherwise"):
+        built(WALL, CAMERA, MONITOR, mesh.replace("]\n", f", {cylinder}]\n"))
 
 
 @pytest.mark.parametrize(
