@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from time import thread_time
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from periscopy_sim.errors import PeriscopyError, did_you_mean
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.model.uncertainty import UncertainTransport
 from periscopy_sim.numerics import Image, machine
-from periscopy_sim.numerics.validation import InputError, checked_number, plain_array
+from periscopy_sim.numerics.validation import InputError, plain_array
 from periscopy_sim.photograph import Photograph, blackened
 from periscopy_sim.reconstruction.method import Method, Report, Solution, StillMethod, of_all
 from periscopy_sim.reconstruction.noise_aware import NoiseAware
@@ -173,6 +173,43 @@ def find_method(name: Name) -> MethodEntry | OwnEntry:
     return OwnEntry(name, factory, "mask" in signature.parameters)
 
 
+@dataclass(frozen=True)
+class OwnAxis:
+    """A user's own axis of a sweep: what a camera makes of photographs at each of its values.
+
+    Its function takes a photograph, (rows, columns, channels), and a value, and returns another.
+    """
+
+    name: Name
+    function: Callable[[Image, Any], Any]
+
+    @classmethod
+    def of(cls, name: Name) -> Self:
+        """Return the axis of ``module:callable``, ``file.py:callable`` or a callable.
+
+        A PeriscopyError says that there is no such callable, or that it takes something else.
+        """
+        function = OwnCode("axis", name).load() if isinstance(name, str) else name
+        try:
+            inspect.signature(function).bind(None, None)
+        except (TypeError, ValueError) as error:
+            raise PeriscopyError(
+                f"axis '{label_of(name)}' is no callable of a photograph and a value: {error}"
+            ) from error
+        return cls(name, function)
+
+    @property
+    def label(self) -> str:
+        """The name of the axis in results: that of the function."""
+        return label_of(self.name).rpartition(":")[2].rpartition(".")[2]
+
+    def __call__(self, value: Any, photograph: Image) -> Image:
+        """Return a photograph at a value; a PeriscopyError if the function fails or does not."""
+        with own_errors(f"axis '{label_of(self.name)}' failed", _file_of(self.name)):
+            changed = promised(self.function(photograph.copy(), value), photograph.shape)
+        return changed.astype(np.float64)
+
+
 def _own_code(name: str) -> OwnCode:
     """Return where a user's own method is; a PeriscopyError names those that there are."""
     own = OwnCode("method", name)
@@ -243,7 +280,7 @@ def fit_method(
             raise PeriscopyError(
                 f"{label_of(name)} has no option '{option}'; it has {', '.join(known) or 'none'}"
             )
-        checked_number(value, option, known[option].least, known[option].most)
+        options[option] = known[option].checked(value)
     with threadpool_limits(1):
         return entry(scenario, A, B, uncertain, **options).fitted_to(photograph)
 

@@ -211,11 +211,10 @@ def settings_for(
     taken = {each.name: each for each in offered.get(method, ()) if each.coupling in ("", coupling)}
     values = {name: value for name, value in numbers.items() if value is not None}
     for name, value in values.items():
-        if name not in taken or not taken[name].least <= value <= taken[name].most:
-            raise PeriscopyError(
-                f"--{name.replace('_', '-')} {value:g}: --method {method} {coupling} takes "
-                + (f"{taken[name].least:g} to {taken[name].most:g}" if name in taken else "none")
-            )
+        flag = f"--{name.replace('_', '-')}"
+        if name not in taken:
+            raise PeriscopyError(f"{flag} {value:g}: --method {method} {coupling} takes none")
+        values[name] = taken[name].checked(value, flag)
     return {name: values.get(name, each.default) for name, each in taken.items()}
 
 

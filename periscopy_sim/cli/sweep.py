@@ -100,7 +100,8 @@ ExampleOption = Annotated[bool, options.example_of(__name__, "a commented study 
 
 _VARY = (
     "An axis: sbr, snr, a <default> of the scene (assumed.NAME: of the methods' alone), assumed, "
-    "ruler, hidden, samples, model, scene, METHOD.OPTION. Values as 1,2,5, 0:1:5, 1:9:log:3."
+    "ruler, hidden, samples, model, scene, METHOD.OPTION; yours as file.py:function. Values as "
+    "1,2,5, 0:1:5, 1:9:log:3."
 )
 _PHOTOGRAPH = "A photograph without ambient light; needs --truth."
 _TRUTH = "The hidden image of --photograph; of several surfaces of each."

@@ -25,7 +25,14 @@ from periscopy_sim.evaluation.worlds import KNOWN, Worlds, warn_of
 from periscopy_sim.judgement import check_error
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.memo import Memo
-from periscopy_sim.methods import Name, entry_of, find_method, label_of, source_sha256
+from periscopy_sim.methods import (
+    Name,
+    OwnAxis,
+    entry_of,
+    find_method,
+    label_of,
+    source_sha256,
+)
 from periscopy_sim.numerics import Array, Mask, validation
 from periscopy_sim.numerics.machine import LONG, Stage, silent
 from periscopy_sim.photograph import Photograph
@@ -187,7 +194,7 @@ def sweep(
     sbr: float | Iterable[float] = SBRS,
     snr: float | Iterable[float] = SNRS,
     seeds: int = 1,
-    vary: Mapping[str, Iterable[Any]] | None = None,
+    vary: Mapping[Any, Iterable[Any]] | None = None,
     photograph: Photograph | None = None,
     mask: Mask | None = None,
     monitor_off: Mapping[str, Array] | None = None,
@@ -229,7 +236,8 @@ def sweep(
     vary
         Further axes: ``sbr``, ``snr``, a <default> of the scene (``assumed.NAME``: of the methods'
         scene alone), ``assumed``, ``ruler``, ``hidden``, ``samples``, ``model``, ``scene``,
-        ``METHOD.OPTION``.
+        ``METHOD.OPTION``; or ``file.py:function``, or a function, of (photograph, value), which
+        returns what a camera makes of each photograph with its noise.
     photograph
         A photograph without ambient light, of the only image, in place of a rendered one.
     mask, monitor_off
@@ -266,12 +274,14 @@ def sweep(
     for method in named.values():
         find_method(method)
     validation.checked("seeds", seeds, "count")
-    axes: dict[str, list[Any]] = {
-        name: [
-            float(each) if isinstance(each, Real) else each for each in validation.listed(values)
-        ]
-        for name, values in (vary or {}).items()
-    }
+    axes, own_axes = dict[str, list[Any]](), dict[str, OwnAxis]()
+    for name, values in (vary or {}).items():
+        axis = OwnAxis.of(name) if callable(name) or ":" in name else None
+        label = str(name) if axis is None else axis.label
+        if label in axes:
+            raise PeriscopyError(f"vary {label}: two axes have this name; rename one")
+        axes[label] = [float(v) if isinstance(v, Real) else v for v in validation.listed(values)]
+        own_axes |= {} if axis is None else {label: axis}
     if "hidden" in axes:
         axes["hidden"] = ["{}x{}".format(*validation.size_of(each)) for each in axes["hidden"]]
     own = dict(ambient) if isinstance(ambient, Mapping) else {}
@@ -322,6 +332,8 @@ def sweep(
         "mask": None if mask is None else array_sha256(mask),
         "monitor_off": [array_sha256(image) for image in off.values()],
     }
+    if own_axes:
+        settings["axes"] = {n: source_sha256(each.name) for n, each in own_axes.items()}
     if light.matrix is not None:
         settings["transport"] = array_sha256(np.asarray(light.matrix))
     sources: dict[str, dict[str, Any]] = {
@@ -349,7 +361,7 @@ def sweep(
         photographs={} if photograph is None else dict.fromkeys(shown, photograph),
         ambient={name: measured.get(name, own.get(name, name)) for name in lights},
         conditions={"settings": settings}, conditions_of=sources, mask=mask, monitor_off=off,
-        calibrates=KNOWN in axes,
+        own_axes=own_axes, calibrates=KNOWN in axes,
         out=None if out is None else place(out), command=command, progress=progress, noted=noted,
     )  # fmt: skip
     worlds.check(axes)

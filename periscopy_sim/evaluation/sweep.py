@@ -81,6 +81,8 @@ class World:
         A world that differs from others by chance, as by what a ruler reads, has noise of its own.
     measures
         Further numbers that some methods return by ``measures(photograph)``: long names and units.
+    response
+        What the camera makes of a photograph with its noise, (rows, columns, channels).
 
     Raises
     ------
@@ -95,6 +97,7 @@ class World:
     transport: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     draw: int = 0
     measures: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    response: Callable[[Image], Image] | None = None
 
     def __post_init__(self) -> None:
         """Fit the methods to all of the photographs, which must show one wall."""
@@ -158,6 +161,8 @@ class World:
         entropy = int.from_bytes(hashlib.sha256(json.dumps(labels).encode()).digest()[:16])
         photograph = np.zeros(signal.values.shape)
         photograph[signal.pixels] = add_noise(exposed, snr, entropy)
+        if self.response is not None:
+            photograph[signal.pixels] = self.response(photograph)[signal.pixels]
         return photograph
 
     def own_error(self, image: str, background: str, sbr: float) -> float | None:

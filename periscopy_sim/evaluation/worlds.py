@@ -8,7 +8,7 @@ import json
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -17,13 +17,13 @@ import numpy as np
 from periscopy_sim.calibration.prior import free_parameters, read_by_ruler, start_values
 from periscopy_sim.calibration.result import Calibration
 from periscopy_sim.errors import PeriscopyError, SceneError, did_you_mean
-from periscopy_sim.evaluation.sweep import Unfitted, World, flipped_names, flips
+from periscopy_sim.evaluation.sweep import LIGHT, Unfitted, World, flipped_names, flips
 from periscopy_sim.hidden import Hidden
 from periscopy_sim.judgement import check_memory
 from periscopy_sim.light import Light
 from periscopy_sim.measurement import noise_to_signal
 from periscopy_sim.memo import Memo
-from periscopy_sim.methods import Name, entry_of, without_addresses
+from periscopy_sim.methods import Name, OwnAxis, entry_of, without_addresses
 from periscopy_sim.numerics import Array, Image, Mask, validation
 from periscopy_sim.numerics.machine import Stage, silent
 from periscopy_sim.photograph import Photograph, seen_in
@@ -135,9 +135,10 @@ TRUE, RULER, CALIBRATED = "true", "ruler", "calibrated"
 """What methods know of the numbers that declare an error: the true ones, those that a ruler reads,
 or what a calibration by each photograph makes of these."""
 
+OF_RESULTS = "algorithm", *LIGHT, "row", "column", "channel"
 OF_LIGHT = "samples", "model"
 OF_SCENE = "scene", "hidden"
-"""Axes beside the scene's <default>s: of A, and of the scene as a whole."""
+"""Dimensions of results, and axes beside the scene's <default>s: of A, of the whole scene."""
 
 
 def warn_of(notes: "Sequence[Note | str]") -> None:
@@ -164,6 +165,7 @@ class Worlds:
     conditions_of: Mapping[str, Mapping[str, Any]]
     mask: Mask | None = None
     monitor_off: Mapping[str, Array] = field(default_factory=dict)
+    own_axes: Mapping[str, OwnAxis] = field(default_factory=dict)  # by their labels
     calibrates: bool = False  # whether an axis says what methods know, so that they may calibrate
     out: Path | None = None  # gets rendered photographs as EXR files
     command: Sequence[str] = ()  # for their metadata
@@ -217,7 +219,13 @@ class Worlds:
             transport={n: each.plan.origin for n, each in fitted.items() if hasattr(each, "plan")},
             draw=int(values.get(DRAW, 0)),
             measures=self.measures,
+            response=self.response(values),
         )
+
+    def response(self, values: Mapping[str, Any]) -> "Callable[[Image], Image] | None":
+        """Return what the camera makes of photographs, by the axes of the user's own."""
+        steps = [partial(self.own_axes[n], v) for n, v in values.items() if n in self.own_axes]
+        return partial(reduce, lambda y, step: step(y), steps) if steps else None
 
     @property
     def traced(self) -> list[str]:
@@ -329,6 +337,9 @@ class Worlds:
         errors = () if is_known else document.errors.values()
         assumed = [ASSUMED + name for name in numbers if name not in errors]
         known = ["sbr", "snr", KNOWN, DRAW, *OF_SCENE, *OF_LIGHT, *numbers, *assumed, *options]
+        if taken := self.own_axes.keys() & {*known, *OF_RESULTS}:
+            raise PeriscopyError(f"vary {min(taken)}: the sweep has such an axis; rename yours")
+        known += self.own_axes
         if self.scenario.light.matrix is not None and (of_A := axes.keys() - options):
             raise PeriscopyError(
                 f"vary {', '.join(sorted(of_A))}: A of your own is of one scene; leave out "
@@ -346,7 +357,8 @@ class Worlds:
             words = [each for each in values if not np.isfinite(validation.number_of(str(each)))]
             unit = document.units.get(axis.removeprefix(ASSUMED), "")
             for value in words or values:
-                _check_value(axis, value, options.get(axis), unit)
+                if axis not in self.own_axes:
+                    _check_value(axis, value, options.get(axis), unit)
             if axis in (KNOWN, *OF_SCENE, *numbers, *assumed):
                 self._check_scene(axis, values[0])
                 self._check_scene(axis, values[-1])
@@ -477,4 +489,4 @@ def _check_value(axis: str, value: Any, option: Option | None, unit: str) -> Non
     if kind is not None:
         validation.checked(name, value, kind)
     if option is not None:
-        validation.checked_number(value, name, option.least, option.most)
+        option.checked(value, name)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from periscopy_sim.numerics.validation import RANGES
+from periscopy_sim.numerics.validation import RANGES, checked_number
 
 if TYPE_CHECKING:
     from periscopy_sim.model.uncertainty import UncertainTransport
@@ -31,6 +31,11 @@ class Option:
     unit: str = ""  # what it counts in with this method, and what 0 does, where that needs saying
     parameter: str = ""  # of the class; empty if it has the option's name
     coupling: str = ""  # of a video's frames, that it belongs to; empty if it is of none
+    whole: bool = False  # whether it counts
+
+    def checked(self, value: Any, name: str = "") -> float:
+        """Return a value, whole where the option counts; an InputError if it is out of range."""
+        return checked_number(value, name or self.name, self.least, self.most, whole=self.whole)
 
 
 @dataclass(frozen=True)
