@@ -16,12 +16,13 @@ it cools to 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from heapq import nsmallest
 from itertools import chain
 from operator import itemgetter
+from typing import ClassVar
 
 import numpy as np
 from scipy import special
@@ -180,11 +181,11 @@ class Search:
     joint: ResolutionLevel  # on which unknown images have a place
     seed: int
     progress: Callable[[float], None] = lambda _: None  # called with the fraction done
-    draws: Array | None = None  # (J, P) values that the scan compares instead of the prior's draws
     # The ends beside the best, of other places of the image, each so many times as likely.
     rivals: list[tuple[Look, float]] = field(default_factory=list, init=False)
     # Second moments about the best, (P, P), of scenes aside, one for each direction.
     spread: list[Array] = field(default_factory=list, init=False)
+    drawn: ClassVar[int] = DRAWS  # how many scenes are compared before descents
     _rows: tuple[list[Array], ...] = field(default_factory=lambda: ([], [], [], []), init=False)
 
     @property
@@ -198,7 +199,7 @@ class Search:
         self._rows[stage].append(np.append(values, candidate.cost))
         coarse = len(COOLING) + 2 * PROPOSED + ROUNDS
         fine = STARTS + 1 + 2 * len(fine_cooling(self.fine.photographs)) + ROUNDS * (1 + ASIDES)
-        most = DRAWS, coarse, fine, 1
+        most = self.drawn, coarse, fine, 1
         ended = min(len(self._rows[stage]) / most[stage], 1.0)
         self.progress(sum(SHARES[:stage]) + SHARES[stage] * ended)
 
@@ -220,22 +221,24 @@ class Search:
         first, *rest = [self.fine.candidate(look.point) for look in distinct]
         return [first, *filter(_is_scene, rest)]
 
-    def scanned(self, most: int = PROPOSED) -> list[Candidate]:
+    def scanned(self) -> list[Candidate]:
         """Return draws of the prior that differ, those that explain most with smooth images."""
-        level, errors, drawn = self.coarse, self.coarse.scene.errors, self.draws
-        if drawn is None:
-            sobol = qmc.Sobol(len(errors), seed=self.seed).random(DRAWS)
-            steps = np.clip(WIDTH * special.ndtri(sobol), -prior.FARTHEST, prior.FARTHEST)
-            drawn = level.centers + steps * errors
-        points = np.pad(drawn, ((0, 0), (0, len(level.terms))))
-        costs, kept = list[tuple[float, Array]](), list[Array]()
+        level, errors, costs = self.coarse, self.coarse.scene.errors, list[tuple[float, Array]]()
+        sobol = qmc.Sobol(len(errors), seed=self.seed).random(DRAWS)
+        steps = np.clip(WIDTH * special.ndtri(sobol), -prior.FARTHEST, prior.FARTHEST)
+        points = np.pad(level.centers + steps * errors, ((0, 0), (0, len(level.terms))))
         for point in points:  # a scene is large: it is made again if it is kept
             scene = level.candidate(point)
             if _is_scene(scene):
                 self.visit(0, scene)
                 costs.append((scene.cost, point))
+        return self.distinct(costs, PROPOSED)
+
+    def distinct(self, costs: Iterable[tuple[float, Array]], most: int) -> list[Candidate]:
+        """Return coarse scenes of points that differ, those of the least of their costs."""
+        level, kept = self.coarse, list[Array]()
         for _, point in sorted(costs, key=itemgetter(0)):
-            steps = [level.values(point - other) / errors for other in kept]
+            steps = [level.values(point - other) / level.scene.errors for other in kept]
             if len(kept) < most and all(np.linalg.norm(step) > APART for step in steps):
                 kept.append(point)
         return [level.candidate(point) for point in kept]

@@ -28,7 +28,7 @@ def with_piece(room, kind, values):
 
 @pytest.mark.thorough
 def test_an_unmeasured_ball_is_found(room, monkeypatch):
-    few = {"DRAWS": 64, "DESCENTS": 12, "VALLEYS": 1, "LIKELY": 2, "PATTERN": (1.0,)}
+    few = {"DRAWS": 64, "GENERATIONS": 10, "VALLEYS": 1, "LIKELY": 2, "PATTERN": (1.0,)}
     for name, value in few.items():
         monkeypatch.setattr(occluder, name, value)
     y, seen = photographed(with_piece(room, "ball", BALL)), []

@@ -25,7 +25,8 @@ def folder(tmp_path):
 @pytest.fixture
 def rough(monkeypatch):
     """Do far less than finds a piece for sure."""
-    few = {"DRAWS": 16, "DESCENTS": 4, "VALLEYS": 1, "LIKELY": 1, "PATTERN": (), "RIDGE": (4.0,)}
+    few = {"DRAWS": 128, "POPULATION": 16, "GENERATIONS": 4, "VALLEYS": 1, "LIKELY": 1}
+    few |= {"PATTERN": (), "RIDGE": (4.0,)}
     for name, value in few.items():
         monkeypatch.setattr(occluder, name, value)
     for name, value in {"ROUNDS": 1, "PROPOSED": 3, "SHIFTS": (0.5,)}.items():
