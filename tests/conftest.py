@@ -1,3 +1,4 @@
+import gc
 import os
 import signal
 
@@ -21,6 +22,36 @@ def jit():
     reports = [report for report in examine_variants() if not report.name.startswith("scalar")]
     if not any(report.works for report in reports):
         pytest.skip("; ".join(f"{report.name}: {report.reason}" for report in reports))
+
+
+@pytest.fixture(scope="session")
+def built_scenes():
+    """Return a list that grows by each scene that is built."""
+    from periscopy_sim.rendering.nodes import SceneNodes
+
+    built, instantiate = [], SceneNodes.instantiate
+
+    def noted(nodes):
+        built.append(nodes.path)
+        return instantiate(nodes)
+
+    gc.collect()
+    gc.freeze()  # what is imported stays, and need not be looked at
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SceneNodes, "instantiate", noted)
+        yield built
+
+
+@pytest.fixture(autouse=True)
+def _no_other_scenes(built_scenes):
+    """Free the scenes of earlier tests, which are in cycles.
+
+    Dr.Jit makes a kernel for all shapes that live. Among others it compiles, for a second, one that
+    it has compiled before.
+    """
+    if built_scenes:
+        built_scenes.clear()
+        gc.collect()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -64,6 +95,7 @@ def quick_light():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 24)
         patch.setattr("periscopy_sim.rendering.bounced.PATHS", 64)
+        patch.setattr("periscopy_sim.rendering.wall_polynomials.POWERS", (0, 1, 2, 3, 5))
         for module in ("ambient", "bounced"):
             patch.setattr(f"periscopy_sim.rendering.{module}.REPLICAS", 3)
         yield
@@ -85,6 +117,7 @@ def blank_figures(request, monkeypatch):
     from matplotlib.figure import Figure
 
     monkeypatch.setattr("periscopy_sim.figures.style._frame", lambda *_: None)
+    monkeypatch.setattr("periscopy_sim.figures.space._met", lambda *_: iter(()))
     save = Figure.savefig
 
     def save_blank(_, path, *, dpi="figure", metadata=None, bbox_inches=None):  # noqa: ARG001

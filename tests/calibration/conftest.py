@@ -13,6 +13,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(problem, "COARSE_PIXELS", SIDE**2)
     monkeypatch.setattr(search, "DRAWS", 4)
     monkeypatch.setattr(search, "PROPOSED", 2)
+    monkeypatch.setattr(search, "HOTTEST", 4.0)
 
 
 @pytest.fixture

@@ -155,6 +155,8 @@ def test_lamps_add_up_by_their_powers_and_are_dark_behind_the_wall():
 def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monkeypatch):
     trace = partial(bounced.render_bounced_light, target=0.1)
     monkeypatch.setattr(bounced, "render_bounced_light", trace)
+    monkeypatch.setattr(bounced, "PATHS", 32)
+    monkeypatch.setattr("periscopy_sim.rendering.wall_polynomials.POWERS", (0, 1, 2, 3, 5))
     scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
     light = {"kind": "bounced", "samples": 4}
     configuration = configured(light=light, scenes=scenes, ambient=[{"kind": "none"}], snr=300)
