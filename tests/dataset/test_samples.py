@@ -174,7 +174,7 @@ def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monk
 
 
 def test_transport_serves_structured_images_too(configured):
-    """At 300 pixels, against 16 times as many wall points; an A planned by white light errs more.
+    """At 100 pixels, against 16 times as many wall points; an A planned by white light errs more.
 
     Seed 3; the light of the 8 images that chose A, whose error 64 of 3969 pixels sample.
     """
@@ -190,7 +190,7 @@ def test_transport_serves_structured_images_too(configured):
     )
     noise = 10 ** (-64 / 20)
     geometry, used = render_geometry(settings, 0), np.zeros(63 * 63, bool)
-    used[np.random.default_rng(1).permutation(63 * 63)[:300]] = True
+    used[np.random.default_rng(1).permutation(63 * 63)[:100]] = True
     scenario = geometry.scenario
     plan = planned(scenario, noise)
     f = np.stack([draw_clip(settings, k).hidden["hidden"][0].reshape(-1, 3) for k in range(8)])

@@ -95,10 +95,16 @@ def same_mean() -> Callable[..., None]:
     return check
 
 
+@pytest.fixture
+def every_wall_point() -> None:
+    """Ask for the points of pixels as they are, where a test is about them; see below."""
+
+
 @pytest.fixture(autouse=True)
-def few_wall_points(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_wall_points(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Begin with fewer wall points in a pixel: small photographs cost as large ones."""
-    monkeypatch.setattr(area_transport, "PIXEL_POINTS", 48)
+    if "every_wall_point" not in request.fixturenames:
+        monkeypatch.setattr(area_transport, "PIXEL_POINTS", 48)
 
 
 @pytest.fixture

@@ -57,7 +57,9 @@ def test_a_transparent_surface_hides_nothing(room, images, bounces):
     y = ps.render_photograph(two, images, **options)
     if bounces == 1:
         for by in ("areas", "rays"):
-            lit = (ps.transport(two, by=by, noise=0.02) @ two.hidden.vector(images)).reshape(y.shape)
+            lit = (ps.transport(two, by=by, noise=0.02) @ two.hidden.vector(images)).reshape(
+                y.shape
+            )
             np.testing.assert_allclose(lit, y, rtol=0, atol=0.02 * y.mean())
     else:
         parts = [

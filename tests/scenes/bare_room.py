@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 import periscopy_sim as ps
+from periscopy_sim.analytic import area_transport
 from periscopy_sim.calibration import occluder, search
 
 HIDDEN = (9, 12)
@@ -44,8 +45,10 @@ def rough(monkeypatch):
     few = {"DRAWS": 16, "DESCENTS": 4, "VALLEYS": 1, "LIKELY": 1, "PATTERN": (), "RIDGE": (4.0,)}
     for name, value in few.items():
         monkeypatch.setattr(occluder, name, value)
-    for name, value in {"ROUNDS": 1, "PROPOSED": 3, "SHIFTS": (0.5,), "HOTTEST": 4.0}.items():
+    few = {"ROUNDS": 1, "STEPS": 1, "PROPOSED": 3, "SHIFTS": (0.5,), "HOTTEST": 2.0}
+    for name, value in few.items():
         monkeypatch.setattr(search, name, value)
+    monkeypatch.setattr(area_transport, "PIXEL_POINTS", 28)
     ball = replace(occluder.KINDS["ball"], mesh=lambda: trimesh.creation.icosphere(1))
     monkeypatch.setitem(occluder.KINDS, "ball", ball)
 
