@@ -37,21 +37,30 @@ def built_scenes():
 
     gc.collect()
     gc.freeze()  # what is imported stays, and need not be looked at
+    gc.set_threshold(50_000, 20)  # a test's scenes stay young until the next one
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SceneNodes, "instantiate", noted)
         yield built
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _no_scenes_of_other_modules(built_scenes):
+    """Free those of a module's fixtures; see below."""
+    if any(built_scenes):
+        gc.collect()
+    built_scenes.clear()
+
+
 @pytest.fixture(autouse=True)
-def _no_other_scenes(built_scenes):
+def _no_scenes_of_other_tests(built_scenes):
     """Free the scenes of earlier tests, which are in cycles.
 
     Dr.Jit makes a kernel for all shapes that live. Among others it compiles, for a second, one that
     it has compiled before.
     """
-    if built_scenes:
-        built_scenes.clear()
-        gc.collect()
+    if built_scenes and built_scenes[-1]:
+        gc.collect(1)
+        built_scenes.append(None)
 
 
 @pytest.fixture(scope="session", autouse=True)

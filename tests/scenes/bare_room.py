@@ -45,7 +45,7 @@ def rough(monkeypatch):
     few = {"DRAWS": 16, "DESCENTS": 4, "VALLEYS": 1, "LIKELY": 1, "PATTERN": (), "RIDGE": (4.0,)}
     for name, value in few.items():
         monkeypatch.setattr(occluder, name, value)
-    few = {"ROUNDS": 1, "STEPS": 1, "PROPOSED": 3, "SHIFTS": (0.5,), "HOTTEST": 2.0}
+    few = {"ROUNDS": 1, "PROPOSED": 3, "SHIFTS": (0.5,), "HOTTEST": 4.0}
     for name, value in few.items():
         monkeypatch.setattr(search, name, value)
     monkeypatch.setattr(area_transport, "PIXEL_POINTS", 28)
