@@ -103,7 +103,8 @@ def every_wall_point() -> None:
 @pytest.fixture(autouse=True)
 def few_wall_points(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Begin with fewer wall points in a pixel: small photographs cost as large ones."""
-    if "every_wall_point" not in request.fixturenames:
+    is_thorough = request.node.get_closest_marker("thorough")
+    if not is_thorough and "every_wall_point" not in request.fixturenames:
         monkeypatch.setattr(area_transport, "PIXEL_POINTS", 48)
 
 
