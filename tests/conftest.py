@@ -1,3 +1,4 @@
+import gc
 import os
 import signal
 
@@ -21,6 +22,45 @@ def jit():
     reports = [report for report in examine_variants() if not report.name.startswith("scalar")]
     if not any(report.works for report in reports):
         pytest.skip("; ".join(f"{report.name}: {report.reason}" for report in reports))
+
+
+@pytest.fixture(scope="session")
+def built_scenes():
+    """Return a list that grows by each scene that is built."""
+    from periscopy_sim.rendering.nodes import SceneNodes
+
+    built, instantiate = [], SceneNodes.instantiate
+
+    def noted(nodes):
+        built.append(nodes.path)
+        return instantiate(nodes)
+
+    gc.collect()
+    gc.freeze()  # what is imported stays, and need not be looked at
+    gc.set_threshold(50_000, 20)  # a test's scenes stay young until the next one
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SceneNodes, "instantiate", noted)
+        yield built
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_scenes_of_other_modules(built_scenes):
+    """Free those of a module's fixtures; see below."""
+    if any(built_scenes):
+        gc.collect()
+    built_scenes.clear()
+
+
+@pytest.fixture(autouse=True)
+def _no_scenes_of_other_tests(built_scenes):
+    """Free the scenes of earlier tests, which are in cycles.
+
+    Dr.Jit makes a kernel for all shapes that live. Among others it compiles, for a second, one that
+    it has compiled before.
+    """
+    if built_scenes and built_scenes[-1]:
+        gc.collect(1)
+        built_scenes.append(None)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -64,6 +104,7 @@ def quick_light():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 24)
         patch.setattr("periscopy_sim.rendering.bounced.PATHS", 64)
+        patch.setattr("periscopy_sim.rendering.wall_polynomials.POWERS", (0, 1, 2, 3, 5))
         for module in ("ambient", "bounced"):
             patch.setattr(f"periscopy_sim.rendering.{module}.REPLICAS", 3)
         yield
@@ -85,6 +126,7 @@ def blank_figures(request, monkeypatch):
     from matplotlib.figure import Figure
 
     monkeypatch.setattr("periscopy_sim.figures.style._frame", lambda *_: None)
+    monkeypatch.setattr("periscopy_sim.figures.space._met", lambda *_: iter(()))
     save = Figure.savefig
 
     def save_blank(_, path, *, dpi="figure", metadata=None, bbox_inches=None):  # noqa: ARG001

@@ -188,8 +188,8 @@ for key in range(20):
 
 def test_processes_share_a_folder(tmp_path):
     command = [sys.executable, "-c", SHARED, str(tmp_path)]
-    running = [subprocess.Popen(command) for _ in range(3)]
-    assert [each.wait() for each in running] == [0, 0, 0]
+    running = [subprocess.Popen(command) for _ in range(2)]
+    assert [each.wait() for each in running] == [0, 0]
     assert len([*tmp_path.iterdir()]) == 20
 
 

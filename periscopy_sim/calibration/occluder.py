@@ -385,7 +385,7 @@ class PieceSearch(Search):
         return [self.fine.candidate(best.point)]
 
     def _moves(self) -> Iterator[tuple[Callable[[Candidate], Candidate], ...]]:
-        """Yield moves of a scene, the first of each that gains counts: larger pieces, other images."""
+        """Yield moves of a scene, of which the first that gains counts: larger, or other images."""
         for _ in range(ROUNDS):
             for k in range(len(AXES), len(AXES) + len(self.kind.sizes)):
                 yield tuple(partial(self._larger, k, times) for times in MULTIPLES)

@@ -7,12 +7,18 @@ from tests.scenes.calibration import HIDDEN, SIDE, SIZE, Small, picture
 
 
 @pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Use all pixels, 9 wall points in each, and follow two of four draws."""
+def quick(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Use all pixels, 9 wall points in each; follow two of four draws.
+
+    But for thorough tests, descend from less hot, and look a patch aside.
+    """
     monkeypatch.setattr(area_transport, "PIXEL_POINTS", 3 * SIDE)
     monkeypatch.setattr(problem, "COARSE_PIXELS", SIDE**2)
     monkeypatch.setattr(search, "DRAWS", 4)
     monkeypatch.setattr(search, "PROPOSED", 2)
+    if not request.node.get_closest_marker("thorough"):
+        monkeypatch.setattr(search, "HOTTEST", 4.0)
+        monkeypatch.setattr(search, "SHIFTS", (0.5, 1.0))
 
 
 @pytest.fixture

@@ -88,15 +88,16 @@ def test_an_unknown_picture_tells_the_scene_and_two_tell_no_less(small: Small) -
 @pytest.mark.usefixtures("quick")
 def test_measured_values_that_are_kept_have_the_rulers_errors(small: Small) -> None:
     values = {**SIZE, **{name: f"{value}" for name, value in TRUTH.items()}}
-    found = calibrated(small.photograph(0), parameters=values)
+    free = {"occluder_dx": ERRORS["occluder_dx"]}
+    found = calibrated(small.photograph(0), parameters=values, free=free)
     assert not found.moved and found.trusted and found.overdispersion == 1
-    assert found.values == pytest.approx(TRUTH)
+    assert found.values == pytest.approx({name: TRUTH[name] for name in free})
     for p in found.parameters:
         assert p.source is ParameterSource.RULER and not p.record()["determined"]
         assert p.statistical_error == p.standard_error == ERRORS[p.name]
-    known, free = found.scene_covariance, len(ERRORS)
-    np.testing.assert_allclose(known.covariance[:free, :free], np.diag([*ERRORS.values()]) ** 2)
-    assert not known.covariance[:free, free:].any()
+    covariance = found.scene_covariance.covariance
+    assert covariance[0, 0] == pytest.approx(ERRORS["occluder_dx"] ** 2)
+    assert not covariance[0, 1:].any()
 
 
 @pytest.mark.thorough

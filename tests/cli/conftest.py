@@ -115,13 +115,14 @@ def every_wall_point():
 def few_wall_points(request, monkeypatch):
     """Average A by areas over fewer points of each pixel: small photographs cost as large ones."""
     if "every_wall_point" not in request.fixturenames:
-        monkeypatch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 48)
+        monkeypatch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 24)
 
 
 @pytest.fixture(autouse=True)
 def few_bounced_paths(monkeypatch):
     """Trace few paths of the light that bounces, which each result is checked for."""
     monkeypatch.setattr("periscopy_sim.rendering.bounced.PATHS", 64)
+    monkeypatch.setattr("periscopy_sim.rendering.wall_polynomials.POWERS", (0, 1, 2, 3, 5))
     for module in ("ambient", "bounced"):
         monkeypatch.setattr(f"periscopy_sim.rendering.{module}.REPLICAS", 3)
 

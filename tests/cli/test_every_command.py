@@ -98,7 +98,7 @@ def shown_by(names):
 
 
 @pytest.mark.usefixtures("jit")
-@pytest.mark.parametrize("command", shown_by({"doctor", "view"}))
+@pytest.mark.parametrize("command", shown_by({"view"}))
 def test_command_runs_in_a_fresh_process(command, inputs):
     pytest.importorskip(EXTRAS.get(command, "numpy"))
     # What the tests' own process has chosen does not count; what a notebook passes on may be wrong.

@@ -173,6 +173,8 @@ def test_what_ends_a_command_leaves_nothing_half_written(event, code, left, tmp_
         "import os, signal, sys\n"
         "import numpy as np\n"
         "from periscopy_sim import cli\n"
+        "from periscopy_sim.analytic import area_transport\n"
+        "area_transport.PIXEL_POINTS = 24\n"
         f"np.linalg.cholesky = lambda *_, **__: {event}\n"
         "sys.argv = ['periscopy', 'analyze', 'chair', '--hidden', '4x5', '--out', 'out',\n"
         "            '-D', 'resolution=24', '--model', 'analytic']\n"

@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 
 import periscopy_sim as ps
-from periscopy_sim.calibration import occluder, search
 from periscopy_sim.calibration.occluder import KINDS, Room, write_piece
-from tests.scenes.bare_room import BALL, ROOM, photographed
+from tests.scenes.bare_room import BALL, ROOM, photographed, rough  # noqa: F401
 
-pytestmark = pytest.mark.usefixtures("jit", "folder")
+pytestmark = pytest.mark.usefixtures("jit", "rough", "folder")
 COMMAND = ("y.npy", "--scene", "room.xml", "--hidden", "9x12", "--out", "piece.xml")
 
 
@@ -22,17 +21,6 @@ def folder(tmp_path):
     np.save(tmp_path / "y.npy", photographed(tmp_path / "true.xml"))
 
 
-@pytest.fixture
-def rough(monkeypatch):
-    """Do far less than finds a piece for sure."""
-    few = {"DRAWS": 128, "POPULATION": 16, "GENERATIONS": 4, "VALLEYS": 1, "LIKELY": 1}
-    few |= {"PATTERN": (), "RIDGE": (4.0,)}
-    for name, value in few.items():
-        monkeypatch.setattr(occluder, name, value)
-    for name, value in {"ROUNDS": 1, "PROPOSED": 3, "SHIFTS": (0.5,)}.items():
-        monkeypatch.setattr(search, name, value)
-
-
 def found(succeeds):
     box = ("--within", "0.4:0.5,0.5:0.7,0.25:0.4", "--sizes", "0.1:0.14")
     outcome = succeeds("calibrate", *COMMAND, "--unknown", "ball", *box)
@@ -42,7 +30,6 @@ def found(succeeds):
     return record
 
 
-@pytest.mark.usefixtures("rough")
 def test_a_piece_is_found_and_its_scene_reconstructs(succeeds):
     found(succeeds)
     assert Path("piece_piece.ply").is_file() and Path("piece.png").is_file()
@@ -51,7 +38,6 @@ def test_a_piece_is_found_and_its_scene_reconstructs(succeeds):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("rough")
 def test_python_finds_the_same(succeeds):
     record, bare = found(succeeds), ps.load_scenario("room.xml", (9, 12))
     box = {"within": [(0.4, 0.5), (0.5, 0.7), (0.25, 0.4)], "sizes": (0.1, 0.14)}

@@ -155,6 +155,8 @@ def test_lamps_add_up_by_their_powers_and_are_dark_behind_the_wall():
 def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monkeypatch):
     trace = partial(bounced.render_bounced_light, target=0.1)
     monkeypatch.setattr(bounced, "render_bounced_light", trace)
+    monkeypatch.setattr(bounced, "PATHS", 32)
+    monkeypatch.setattr("periscopy_sim.rendering.wall_polynomials.POWERS", (0, 1, 2, 3, 5))
     scenes = [{"scene": "bright_room", "parameters": {"resolution": 12}}]
     light = {"kind": "bounced", "samples": 4}
     configuration = configured(light=light, scenes=scenes, ambient=[{"kind": "none"}], snr=300)
@@ -172,7 +174,7 @@ def test_bounced_photographs_are_those_of_the_channels_matrices(configured, monk
 
 
 def test_transport_serves_structured_images_too(configured):
-    """At 300 pixels, against 16 times as many wall points; an A planned by white light errs more.
+    """At 100 pixels, against 16 times as many wall points; an A planned by white light errs more.
 
     Seed 3; the light of the 8 images that chose A, whose error 64 of 3969 pixels sample.
     """
@@ -188,7 +190,7 @@ def test_transport_serves_structured_images_too(configured):
     )
     noise = 10 ** (-64 / 20)
     geometry, used = render_geometry(settings, 0), np.zeros(63 * 63, bool)
-    used[np.random.default_rng(1).permutation(63 * 63)[:300]] = True
+    used[np.random.default_rng(1).permutation(63 * 63)[:100]] = True
     scenario = geometry.scenario
     plan = planned(scenario, noise)
     f = np.stack([draw_clip(settings, k).hidden["hidden"][0].reshape(-1, 3) for k in range(8)])

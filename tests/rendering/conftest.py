@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from periscopy_sim.analytic import area_transport
 from periscopy_sim.errors import SceneError
+from periscopy_sim.rendering import bounced, wall_polynomials
 from periscopy_sim.rendering.bounced import BouncedTransport, render_bounced_light
 from periscopy_sim.rendering.nodes import SceneNodes
 from periscopy_sim.rendering.photograph import render_photograph
@@ -91,6 +93,26 @@ def same_mean() -> Callable[..., None]:
         assert np.sum(z**2, axis=0).max() < stats.chi2.isf(error_rate, len(z))
 
     return check
+
+
+@pytest.fixture
+def every_wall_point() -> None:
+    """Ask for the points of pixels as they are, where a test is about them; see below."""
+
+
+@pytest.fixture(autouse=True)
+def few_wall_points(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begin with fewer wall points in a pixel: small photographs cost as large ones."""
+    is_thorough = request.node.get_closest_marker("thorough")
+    if not is_thorough and "every_wall_point" not in request.fixturenames:
+        monkeypatch.setattr(area_transport, "PIXEL_POINTS", 48)
+
+
+@pytest.fixture
+def few_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trace few paths of bounced light in a round, and fit few polynomials to it."""
+    monkeypatch.setattr(bounced, "PATHS", 64)
+    monkeypatch.setattr(wall_polynomials, "POWERS", (0, 1, 2, 3, 5))
 
 
 @pytest.fixture

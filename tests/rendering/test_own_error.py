@@ -74,6 +74,7 @@ def test_error_by_rays_is_the_distance_from_areas(chair, image, monkeypatch):
     assert 1 / RATIO < off / first.relative_error < RATIO
 
 
+@pytest.mark.usefixtures("few_paths")
 def test_photograph_is_the_path_tracers(room, same_mean):
     """All bounces and lamps, by other code, at an error rate of 1e-5."""
     lamp = (
@@ -174,9 +175,9 @@ def test_error_of_a_composite_is_that_of_its_parts():
     assert rms(off) == pytest.approx(composite_error(signal, ambient, 0.4, 0.01, 0.01), rel=0.1)
 
 
-def test_bounced_light_of_any_channels_is_that_of_the_surfaces_mean(shipped, monkeypatch):
+@pytest.mark.usefixtures("few_paths")
+def test_bounced_light_of_any_channels_is_that_of_the_surfaces_mean(shipped):
     """By the same rays: a channel alone meets the mean of red, green and blue."""
-    monkeypatch.setattr(photograph.bounced, "PATHS", 64)
     scene, image = shipped("bright_room", resolution=8), np.random.default_rng(0).random((6, 8, 1))
     grey = photograph.bounced_light(scene, {"monitor": image})
     three = photograph.bounced_light(scene, {"monitor": image.repeat(3, axis=2)})

@@ -90,7 +90,7 @@ def test_other_lights_add_up_unless_the_monitor_is_to_shine_alone(room):
     image = np.random.default_rng(0).random((2, 3, 3))
     dark = room.load(sky_behind.replace(room.area, ""))
     lit = room.load(sky_behind, lamp)
-    options = {"samples": 4096, "bounces": 1}
+    options = {"samples": 1024, "bounces": 1}
     alone = render_photograph(dark, image, **options)
     same = render_photograph(lit, image, only_monitor=True, **options)
     np.testing.assert_array_equal(same, alone)

@@ -32,7 +32,10 @@ def test_matrix_times_image_is_the_photograph_in_any_room(room, agrees, kind):
     agrees(room.load(*extra, hidden=(2, 3), **parts))
 
 
-@pytest.mark.parametrize(("emitter", "mirrored"), [("area", False), ("lcd", True)])
+@pytest.mark.parametrize(
+    ("emitter", "mirrored"),
+    [pytest.param("area", False, marks=pytest.mark.thorough), ("lcd", True)],
+)
 def test_matrix_times_image_is_the_photograph_with_a_curved_monitor(
     room, agrees, emitter, mirrored
 ):

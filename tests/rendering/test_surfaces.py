@@ -36,9 +36,9 @@ def images():
 
 def test_each_surface_lights_the_wall_and_hides_the_other(two, images):
     """Against Mitsuba's path tracer, whose noise is some 2e-3 of the mean."""
-    y = ps.render_photograph(two, images, samples=1 << 14, bounces=1, seed=1)
+    y = ps.render_photograph(two, images, samples=1 << 13, bounces=1, seed=1)
     for by in ("areas", "rays"):
-        A = ps.transport(two, by=by)
+        A = ps.transport(two, by=by, noise=0.02)
         lit = (A @ two.hidden.vector(images)).reshape(y.shape)
         np.testing.assert_allclose(lit, y, rtol=0, atol=0.02 * y.mean())
     assert two.hidden.slices == {"monitor": slice(0, 6), "hidden_card": slice(6, 12)}
@@ -53,11 +53,13 @@ def test_a_transparent_surface_hides_nothing(room, images, bounces):
         ps.load_scenario(room.write(PLATE, monitor=room.monitor(room.area)), SIZES["monitor"]),
         ps.load_scenario(room.write(PLATE + card, monitor=""), SIZES["hidden_card"]),
     )
-    options = {"samples": 1 << 14, "bounces": bounces, "seed": 1}
+    options = {"samples": 1 << 13, "bounces": bounces, "seed": 1}
     y = ps.render_photograph(two, images, **options)
     if bounces == 1:
         for by in ("areas", "rays"):
-            lit = (ps.transport(two, by=by) @ two.hidden.vector(images)).reshape(y.shape)
+            lit = (ps.transport(two, by=by, noise=0.02) @ two.hidden.vector(images)).reshape(
+                y.shape
+            )
             np.testing.assert_allclose(lit, y, rtol=0, atol=0.02 * y.mean())
     else:
         parts = [
@@ -79,7 +81,7 @@ def test_light_that_bounces_is_told_apart_by_surface(room):
     for name, part in scene.hidden.slices.items():
         white = {n: np.full((1, 1, 3), float(n == name)) for n in SIZES}
         both, once = (
-            ps.render_photograph(scene, white, samples=1 << 14, bounces=b, seed=2) for b in (3, 1)
+            ps.render_photograph(scene, white, samples=1 << 12, bounces=b, seed=2) for b in (3, 1)
         )
         expected = (both - once).mean()
         assert A[:, part].sum(axis=1).mean() == pytest.approx(expected, rel=0.05)
@@ -181,6 +183,6 @@ def test_spherical_caps_are_accepted_and_light_the_wall_as_they_do_in_mitsuba(ro
     )
     scene = ps.load_scenario(room.write(room.blocker(), monitor=monitor), (3, 4))
     image = np.random.default_rng(faces).random((3, 4, 3))
-    picture = ps.render_photograph(scene, image, samples=1 << 16, bounces=1, seed=1)
-    lit = (ps.transport(scene, noise=0.01) @ image.reshape(-1, 3)).reshape(picture.shape)
+    picture = ps.render_photograph(scene, image, samples=1 << 14, bounces=1, seed=1)
+    lit = (ps.transport(scene, noise=0.02) @ image.reshape(-1, 3)).reshape(picture.shape)
     np.testing.assert_allclose(lit, picture, rtol=0, atol=0.015 * picture.mean())

@@ -9,6 +9,8 @@ from periscopy_sim.errors import ClosedFormError
 from periscopy_sim.rendering import transport as planning
 from periscopy_sim.rendering.transport import planned, planned_for
 
+pytestmark = pytest.mark.usefixtures("every_wall_point")
+
 
 def plan_transport(*scene, **settings):
     return planned(*scene, **settings)

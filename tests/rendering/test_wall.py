@@ -4,7 +4,7 @@ import pytest
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
 from periscopy_sim.errors import SceneError
-from periscopy_sim.rendering import load
+from periscopy_sim.rendering import ambient, load
 from periscopy_sim.rendering.ambient import render_background
 from periscopy_sim.rendering.bounced import render_bounced_light
 from periscopy_sim.rendering.shadow_rays import render_transport
@@ -83,14 +83,16 @@ def test_texture_is_averaged_once_for_a_place_of_the_camera(room, monkeypatch):
     assert len(traced) == 2
 
 
-def test_smooth_light_is_that_of_the_even_wall_times_its_paint(room):
+@pytest.mark.usefixtures("few_paths")
+def test_smooth_light_is_that_of_the_even_wall_times_its_paint(room, monkeypatch):
+    monkeypatch.setattr(ambient, "RAYS", 16)
     seen = room.load(wall=room.wall(diffuse(TILES)), monitor=room.monitor(room.area))
     even = Scenario(seen.view.even, seen.hidden)
     np.testing.assert_allclose(
         point_light_backgrounds(seen), point_light_backgrounds(even) * seen.paint, rtol=1e-6
     )
-    ambient = [render_background("ambient/overcast", each, target=0.3) for each in (seen, even)]
-    on_texture, on_even = (each.photograph.reshape(-1, 3) for each in ambient)
+    lights = [render_background("ambient/overcast", each, target=0.3) for each in (seen, even)]
+    on_texture, on_even = (each.photograph.reshape(-1, 3) for each in lights)
     np.testing.assert_allclose(
         on_texture / seen.channel_gain, on_even / even.channel_gain * seen.paint, rtol=1e-5
     )

@@ -1,8 +1,15 @@
 """A room with a wall, a monitor and nothing between them."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
+import trimesh
 
 import periscopy_sim as ps
+from periscopy_sim.analytic import area_transport
+from periscopy_sim.calibration import occluder, search
+from periscopy_sim.rendering.scene_files import TriangleMesh
 
 HIDDEN = (9, 12)
 ROOM = """<scene version="3.0.0"><integrator type="path"/>
@@ -31,6 +38,23 @@ ROOM = """<scene version="3.0.0"><integrator type="path"/>
 BALL = {"piece_x": 0.45, "piece_y": 0.6, "piece_z": 0.32, "piece_radius": 0.06}
 BOX = {"piece_x": 0.45, "piece_y": 0.6, "piece_z": 0.32, "piece_width": 0.1, "piece_depth": 0.08}
 BOX |= {"piece_height": 0.06, "piece_turn": 20}
+
+
+@pytest.fixture
+def rough(monkeypatch):
+    """Do far less than finds a piece for sure; a ball has 80 faces."""
+    few = {"DRAWS": 128, "POPULATION": 16, "GENERATIONS": 4, "VALLEYS": 1, "LIKELY": 1}
+    few |= {"MULTIPLES": (), "PATTERN": (), "RIDGE": (4.0,)}
+    for name, value in few.items():
+        monkeypatch.setattr(occluder, name, value)
+    few = {"ROUNDS": 1, "PROPOSED": 3, "SHIFTS": (0.5,), "HOTTEST": 4.0}
+    for name, value in few.items():
+        monkeypatch.setattr(search, name, value)
+    monkeypatch.setattr(area_transport, "PIXEL_POINTS", 28)
+    sphere = trimesh.creation.icosphere(1)
+    mesh = TriangleMesh(np.asarray(sphere.vertices), np.asarray(sphere.faces))
+    ball = replace(occluder.KINDS["ball"], mesh=lambda: mesh)
+    monkeypatch.setitem(occluder.KINDS, "ball", ball)
 
 
 def photographed(path):

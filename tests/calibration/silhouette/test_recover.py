@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from periscopy_sim.analytic import area_transport
 from periscopy_sim.calibration.silhouette import recover_silhouette
 from periscopy_sim.errors import PhotographError, SceneError
 from tests.scenes.silhouette import FLAG, HIDDEN, photograph
@@ -31,7 +32,8 @@ def test_a_flag_before_an_unknown_image_is_found(scene, photographs):
     assert not solution.doubts
 
 
-def test_a_photograph_without_a_shadow_of_it_raises(scene, empty, images):
+def test_a_photograph_without_a_shadow_of_it_raises(scene, empty, images, monkeypatch):
+    monkeypatch.setattr(area_transport, "PIXEL_POINTS", 40)
     light = [photograph(empty, image, 1) for image in images]
     with pytest.raises(PhotographError, match="no shadow of 'card'"):
         recover_silhouette(light, scene, HIDDEN, "card", (4, 4), shown=images)
