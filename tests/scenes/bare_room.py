@@ -43,8 +43,8 @@ BOX |= {"piece_height": 0.06, "piece_turn": 20}
 @pytest.fixture
 def rough(monkeypatch):
     """Do far less than finds a piece for sure; a ball has 80 faces."""
-    few = {"DRAWS": 128, "POPULATION": 16, "GENERATIONS": 4, "VALLEYS": 1, "LIKELY": 1}
-    few |= {"MULTIPLES": (), "PATTERN": (), "RIDGE": (4.0,)}
+    few = {"DRAWS": 128, "POPULATION": 16, "GENERATIONS": 4, "VALLEYS": 1}
+    few |= {"LIKELY": 1, "MULTIPLES": (), "PATTERN": (), "RIDGE": (4.0,)}
     for name, value in few.items():
         monkeypatch.setattr(occluder, name, value)
     few = {"ROUNDS": 1, "PROPOSED": 3, "SHIFTS": (0.5,), "HOTTEST": 4.0}
