@@ -87,6 +87,22 @@ def prepend(
         parent.insertBefore(node, first)
 
 
+def scale_about(
+    document: minidom.Document, shape: minidom.Element, center: Sequence[float], scale: str
+) -> None:
+    """Scale a shape about a point, (3,), in its scene, after all else that moves it."""
+    transforms = shape.getElementsByTagName("transform")
+    place = next((each for each in transforms if each.getAttribute("name") == "to_world"), None)
+    if place is None:
+        place = shape.appendChild(element(document, "transform", name="to_world"))
+    axes = dict(zip("xyz", center, strict=True))
+    away = {axis: f"{-each:.9g}" for axis, each in axes.items()}
+    back = {axis: f"{each:.9g}" for axis, each in axes.items()}
+    place.appendChild(element(document, "translate", **away))
+    place.appendChild(element(document, "scale", value=scale))
+    place.appendChild(element(document, "translate", **back))
+
+
 def write_document(document: minidom.Document, path: Path) -> None:
     """Write a document as UTF-8."""
     nodes = (node.toxml() for node in document.childNodes)

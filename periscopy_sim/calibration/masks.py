@@ -26,6 +26,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize
 
 from periscopy_sim.calibration.evidence import Matrix, SmoothImages
@@ -106,6 +107,27 @@ class MaskPlane:
     def points(self, places: Array) -> Array:
         """Return the points, (..., 3), at places across and down, (..., 2), from 0 to 1."""
         return np.asarray(self.corner + places[..., :1] * self.across + places[..., 1:] * self.down)
+
+    def moved(self, motion: Array) -> MaskPlane:
+        """Return the rectangle moved by a vector, (3,)."""
+        return MaskPlane(self.corner + motion, self.across, self.down)
+
+    def seen_through(self, other: MaskPlane, eye: Array, opacities: Array, cells: Any) -> Array:
+        """Return another mask's opacities in (rows, columns) cells of this one, parallel to it.
+
+        Seen from a point, each cell of this one has the opacity of what it covers, between the
+        middles of the other's cells.
+        """
+        rows, columns = ((np.arange(n) + 0.5) / n for n in cells)
+        ways = self.points(np.stack(np.meshgrid(columns, rows), axis=-1)) - eye
+        normal = np.cross(other.across, other.down)
+        ratio = (other.corner - eye) @ normal / ((self.corner - eye) @ normal)
+        projection, offsets = other.rows_of_projection()
+        places = (eye + ratio * ways) @ projection.T + offsets
+        coordinates = places[..., 1::-1] * opacities.shape - 0.5
+        return np.asarray(
+            map_coordinates(opacities, np.moveaxis(coordinates, -1, 0), order=1, mode="nearest")
+        )
 
     def fraction(self, scenario: Geometry) -> float:
         """Return the fraction of the way from the wall to the monitor at which it stands."""

@@ -23,9 +23,11 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
+from scipy import linalg
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
@@ -51,6 +53,23 @@ class SceneCovariance:
     covariance: Array
     trusted: bool
     ruled: Array
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return that of a trusted scene without calibrated parameters."""
+        return cls((), np.empty(0), np.empty((0, 0)), True, np.empty(0))
+
+    def joined(self, name: str, value: float, error: float, ruled: float) -> Self:
+        """Return this with another parameter, whose error is independent of the others."""
+        covariance = linalg.block_diag(self.covariance, error**2)
+        values, ruled_values = np.append(self.values, value), np.append(self.ruled, ruled)
+        return replace(
+            self,
+            names=(*self.names, name),
+            values=values,
+            covariance=covariance,
+            ruled=ruled_values,
+        )
 
     @property
     def errors(self) -> Array:

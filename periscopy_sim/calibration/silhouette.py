@@ -8,6 +8,9 @@ circle, if the image has one colour and is as bright as dark.
 
 Behind an unknown image, descents start from random masks.
 
+Where the scene declares that the depth of the plane errs, the search begins at several depths and
+refines the best one, see `mask_depth`.
+
     E(A) = Σ_c F log(S_c + τ ‖y⊥_c‖²) + 3 log |A⊥ᵀA⊥ + α K| / |α K|
     S_c = min ‖y⊥_c − A⊥ f‖² + α fᵀ K f  over f ≥ 0
 
@@ -22,19 +25,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
-from scipy.ndimage import gaussian_filter, zoom
+from scipy.ndimage import gaussian_filter
 from scipy.optimize import nnls
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from periscopy_sim.analytic.area_transport import area_transport, points_across
-from periscopy_sim.calibration import calibrated_scene, moving_scene, problem, trust
+from periscopy_sim.calibration import calibrated_scene, moving_scene, prior, problem, trust
 from periscopy_sim.calibration.evidence import ROUNDING, Matrix, SmoothImages
+from periscopy_sim.calibration.mask_depth import Depth
 from periscopy_sim.calibration.masks import (
     Cells,
     CellShadows,
@@ -55,7 +61,7 @@ from periscopy_sim.photograph import Photograph, of_one_wall
 from periscopy_sim.rendering.load import load_geometry
 from periscopy_sim.rendering.nodes import SceneNodes
 from periscopy_sim.rendering.scene_files import TriangleMesh, literal, write_ply
-from periscopy_sim.scene import CALIBRATED, CAMERA, Scene, SceneDocument
+from periscopy_sim.scene import CALIBRATED, CAMERA, RULER_ERROR, Scene, SceneDocument
 from periscopy_sim.storage.pictures import averaged_photograph
 from periscopy_sim.view import Geometry, View
 
@@ -76,6 +82,8 @@ class Silhouette:
         Id of the shape whose place it takes.
     plane
         The rectangle of its cells.
+    depth
+        The plane's distance from the monitor over the measured one.
     opacities
         (rows, columns) of cells, 0 to 1, top left first as one sees it who faces the wall.
     seen
@@ -96,6 +104,7 @@ class Silhouette:
 
     name: str
     plane: MaskPlane
+    depth: Depth
     opacities: Array
     seen: Cells
     image: Any = field(repr=False)
@@ -110,6 +119,12 @@ class Silhouette:
     def opaque(self) -> Cells:
         """(rows, columns) whether cells are opaque rather than not."""
         return opaque(self.opacities)
+
+    @property
+    def middle(self) -> tuple[Array, Array]:
+        """(3,) middle of the plane, and its standard errors on the way from the monitor."""
+        middle = self.plane.points(np.array([0.5, 0.5]))
+        return middle, np.abs(middle - self.depth.monitor) * self.depth.error / self.depth.scale
 
     @property
     def decided(self) -> float:
@@ -144,6 +159,8 @@ class Silhouette:
             "trusted": not self.doubts,
             "doubts": self.doubts,
             "rectangle": asdict(self.plane),
+            "middle": self.middle[0],
+            "middle_error": self.middle[1],
             "opaque": ["".join("#" if cell else "." for cell in row) for row in self.opaque],
             "cells_seen": int(self.seen.sum()),
             "cells_decided": self.decided,
@@ -172,21 +189,31 @@ def write_masked_scene(
 
     The mesh is written in the shape's own coordinates, so that the parameters that move the shape
     move it, and has the shape's id and material. In the scene its file is called `mesh_name`, which
-    it has once both are in their place. If the silhouette is not trusted, the scene carries
-    that, see `SceneCovariance`. For the rest see `with_defaults`.
+    it has once both are in their place. Numbers that move the shape alone have no error any more: a
+    number ``NAME_scale`` has it, which moves the mask to or from the monitor and scales its cells.
+    If the silhouette is not trusted, the scene carries that, see `SceneCovariance`. For the rest
+    see `with_defaults`.
 
     Raises
     ------
     SceneError
         As `with_defaults`, or if the shape's tag is not in the file itself.
     """
-    name = solution.name
-    to_world = SceneNodes(scene.path, scene.given).layout().places[name]
-    whole = cell_mesh(solution.plane, solution.opaque)
+    name, depth = solution.name, solution.depth
+    values = {name: f"{value:.9g}" for name, (value, _) in depth.estimates.items()}
+    places = SceneNodes(scene.path, {**scene.given, **values}).layout().places
+    to_world, whole = places[name], cell_mesh(solution.plane, solution.opaque)
     vertices = (whole.vertices - to_world[:3, 3]) @ np.linalg.pinv(to_world[:3, :3]).T
     write_ply(mesh, TriangleMesh(vertices, whole.faces))
-    doubted = SceneCovariance((), np.empty(0), np.empty((0, 0)), False, np.empty(0))
-    values = {CALIBRATED: doubted.text()} if solution.doubts else {}
+    values |= {f"{each}{RULER_ERROR}": "0" for each in depth.values}
+    known, scale = prior.scene_covariance(scene) or SceneCovariance.none(), f"{name}_scale"
+    is_new = depth.error > 0 and scale not in scene.values
+    if is_new:
+        values[scale] = "1"
+        known = known.joined(scale, 1.0, depth.error / depth.scale, 1.0)
+    if known.names or solution.doubts:
+        known = replace(known, trusted=known.trusted and not solution.doubts)
+        values[CALIBRATED] = known.text()
     document = calibrated_scene.with_defaults(scene, values, copy.parent, remark)
     shapes = document.getElementsByTagName("shape")
     shape = next((each for each in shapes if each.getAttribute("id") == name), None)
@@ -199,6 +226,8 @@ def write_masked_scene(
     for child in list(shape.childNodes):
         if child.nodeName in _OWN:
             shape.removeChild(child)
+    if is_new:
+        calibrated_scene.scale_about(document, shape, depth.monitor.tolist(), f"${scale}")
     file = calibrated_scene.element(document, "string", name="filename", value=literal(mesh_name))
     normals = calibrated_scene.element(document, "boolean", name="face_normals", value="true")
     calibrated_scene.prepend(document, shape, [file, normals])
@@ -283,46 +312,122 @@ class UnknownImage:
         return light - Q @ (Q.T @ light)
 
 
+@dataclass(frozen=True, eq=False)
+class MaskEnd:
+    """The end of a descent, with the plane so many times as far from the monitor as measured."""
+
+    scale: float
+    plane: MaskPlane
+    mask: Mask
+    likelihood: Likelihood
+    fit: MaskFit
+
+    @property
+    def objective(self) -> float:
+        """Negative logarithm of the posterior density."""
+        return self.fit.objective
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A photograph of the wall, before which a mask stands in an occluder's place."""
+
+    scene: Geometry  # seen in the photograph's pixels
+    name: str
+    photograph: Photograph
+    transport: NDArray[np.float32]  # (M, N) without the occluder
+    background: Array  # (M, r) orthonormal basis of range(B)
+
+    @classmethod
+    def of(cls, scenario: Geometry, name: str, hidden: Hidden, photograph: Photograph) -> Self:
+        """Return the wall of a scene without an occluder of a name."""
+        scene, camera, shape = scenario.scene, scenario.view.camera, photograph.shape
+        view, used = View.of(scene, shape, camera=camera), photograph.pixels
+        fine = View.of(scene, shape, across=points_across(shape), camera=camera).of_pixels(used)
+        A = area_transport(Geometry(replace(fine, scene=scene.without(name)), hidden))
+        Q = problem.ambient_basis(view, used, photograph)
+        return cls(Geometry(view, hidden), name, photograph, A, Q)
+
+    def mask(self, plane: MaskPlane, cells: tuple[int, int]) -> Mask:
+        """Return a mask in a plane."""
+        used = self.photograph.pixels
+        shadows = CellShadows.of(self.transport, self.scene, plane, cells, used)
+        if not shadows.light.any():
+            raise SceneError(
+                f"scene '{self.scene.path}': occluder '{self.name}' casts no shadow of the monitor "
+                "into what the camera sees of the wall, wherever in its rectangle it is opaque"
+            )
+        return Mask.of(cells, shadows, used)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A photograph of an unknown image behind masks of (rows, columns) cells."""
+
+    wall: Wall
+    cells: tuple[int, int]
+
+    @cached_property
+    def image(self) -> UnknownImage:
+        """The likelihood."""
+        hidden, y = self.wall.scene.hidden, self.wall.photograph.used
+        return UnknownImage(y, self.wall.background, SmoothImages.hats(hidden, hidden))
+
+    def descend(
+        self, scale: float, plane: MaskPlane, opacities: Array, gain: Array | None,
+        allowances: Sequence[float],
+    ) -> MaskEnd:  # fmt: skip
+        """Return where a descent ends, with one allowance after the other."""
+        mask, image = self.wall.mask(plane, self.cells), self.image
+        gain = np.zeros(len(mask.terms)) if gain is None else gain
+        for allowance in allowances:
+            likelihood = image.at(mask.transport(opacities, gain), allowance)
+            fit = mask.descend(opacities, gain, likelihood, STEPS)
+            opacities, gain = fit.opacities, fit.gain
+        likelihood = image.at(mask.transport(opacities, gain), 0.0)
+        return MaskEnd(scale, plane, mask, likelihood, mask.fit(opacities, gain, likelihood))
+
+
 def search(
-    coarse: tuple[Mask, UnknownImage],
-    fine: tuple[Mask, UnknownImage],
-    seed: int,
-    report: Callable[[float], None],
-) -> tuple[MaskFit, int]:
-    """Return the best mask, and how many of the starts ended near it."""
-    random, ends, fits = np.random.default_rng(seed), [], []
-    for k in range(STARTS):
-        # A few smooth pieces: rougher starts end at small dots before an image of their shadow.
-        rough = random.standard_normal(coarse[0].cells)
-        noise = gaussian_filter(rough, SMOOTH * np.array(rough.shape), mode="reflect")
-        opacities = ndtr((noise - noise.mean()) / max(float(noise.std()), 1e-300))
-        ends.append(_descend(*coarse, opacities, np.zeros(len(coarse[0].terms)), ALLOWANCES))
-        report(0.3 * (k + 1) / STARTS)
-    ends.sort(key=lambda end: end.objective)
-    cells = fine[0].cells
-    for k, end in enumerate(ends[:FINALISTS]):
-        start = np.minimum(resized(end.opacities / usual_opacity(end.opacities), cells), 1.0)
-        fits.append(_descend(*fine, start, end.gain, ALLOWANCES[1:]))
-        report(0.3 + 0.7 * (k + 1) / FINALISTS)
-    best = min(fits, key=lambda fit: fit.objective)
-    ours, masks = opaque(best.opacities), [opaque(resized(end.opacities, cells)) for end in ends]
-    return best, sum(bool((ours & m).sum() >= AGREEING * (ours | m).sum()) for m in masks)
+    coarse: Level, fine: Level, depth: Depth, seed: int, report: Callable[[float], None]
+) -> tuple[MaskEnd, Depth, Sequence[bool]]:
+    """Return the best mask, its depth, and which of the starts ended near it."""
+
+    def moved(end: MaskEnd, plane: MaskPlane, cells: tuple[int, int]) -> Array:
+        return plane.seen_through(end.plane, depth.monitor, end.fit.opacities, cells)
+
+    def beside(scale: float, end: MaskEnd) -> MaskEnd:
+        plane = depth.plane(scale)
+        start = moved(end, plane, fine.cells)
+        if end.mask.cells != fine.cells:
+            start = np.minimum(start / usual_opacity(end.fit.opacities), 1.0)
+        return fine.descend(scale, plane, start, end.fit.gain, ALLOWANCES[1:])
+
+    starts, ends = [(scale, k) for scale in depth.scales for k in range(STARTS)], []
+    for number, (scale, k) in enumerate(starts, 1):
+        start = _random_opacities(coarse.cells, [seed, k])
+        ends.append(coarse.descend(scale, depth.plane(scale), start, None, ALLOWANCES))
+        report(0.4 * number / len(starts))
+    ends.sort(key=depth.objective)
+    followed = []
+    for number, end in enumerate(ends[:FINALISTS], 1):
+        followed.append(beside(end.scale, end))
+        report(0.4 + 0.3 * number / FINALISTS)
+    best = min(followed, key=depth.objective)
+    best, depth = depth.refined(best, beside, lambda part: report(0.7 + 0.3 * part))
+    ours = opaque(best.fit.opacities)
+    masks = [opaque(moved(end, best.plane, ours.shape)) for end in ends]
+    return best, depth, [bool((ours & m).sum() >= AGREEING * (ours | m).sum()) for m in masks]
 
 
-def _descend(
-    mask: Mask, image: UnknownImage, opacities: Array, gain: Array, allowances: Sequence[float]
-) -> MaskFit:
-    for allowance in allowances:
-        likelihood = image.at(mask.transport(opacities, gain), allowance)
-        fit = mask.descend(opacities, gain, likelihood, STEPS)
-        opacities, gain = fit.opacities, fit.gain
-    return mask.fit(opacities, gain, image.at(mask.transport(opacities, gain), 0.0))
+def _random_opacities(cells: tuple[int, int], seed: Sequence[int]) -> Array:
+    """Return random opacities, (rows, columns), of a few smooth pieces.
 
-
-def resized(opacities: Array, cells: tuple[int, int]) -> Array:
-    """Return opacities on a grid of other cells, (rows, columns): those of the nearest ones."""
-    factors = np.divide(cells, opacities.shape)
-    return np.asarray(zoom(opacities, factors, order=0, grid_mode=True, mode="nearest"))
+    Rougher starts end at small dots before an image of their shadow.
+    """
+    rough = np.random.default_rng(seed).standard_normal(cells)
+    noise = gaussian_filter(rough, SMOOTH * np.array(cells), mode="reflect")
+    return np.asarray(ndtr((noise - noise.mean()) / max(float(noise.std()), 1e-300)))
 
 
 FEW = 8
@@ -403,17 +508,23 @@ def recover_silhouette(
         scenario.hidden, problem.MOST_PATCHES if shown else problem.COARSE_HATS
     )
     patches = Hidden.of_scene(scenario.scene, sizes)
-    place = _Place(scenario, shape, plane, patches)
+    depth = Depth.of(scenario, shape, plane)
+    wall = partial(Wall.of, scenario, shape, patches)
+    agreeing: Sequence[bool] = ()
     # Products this small gain less from threads than these cost, see `calibrate`.
     with threadpool_limits(1):
         if shown:
             pictures = [problem.shown_light(each, patches) for each in shown]
-            end = _behind_pictures(place, cells, averaged, pictures)
+            behind = _behind_pictures(wall(averaged[0]), cells, averaged, pictures, depth)
+            first = min(map(behind, depth.scales), key=depth.objective)
+            end, depth = depth.refined(first, behind, report)
         else:
-            coarse = averaged_photograph(
-                photographs[0], moving_scene.limit_size(size, moving_scene.LARGEST // 4)
-            )
-            end = _behind_unknown_image(place, cells, coarse, averaged[0], seed, report)
+            few, pixels = plane.square_cells(FEW), moving_scene.LARGEST // 4
+            rows, columns = np.minimum(cells, few).tolist()
+            small = averaged_photograph(photographs[0], moving_scene.limit_size(size, pixels))
+            coarse = Level(wall(small), (rows, columns))
+            fine = Level(wall(averaged[0]), cells)
+            end, depth, agreeing = search(coarse, fine, depth, seed, report)
         without = end.mask.fit(np.zeros(cells), end.fit.gain, end.likelihood)
     if not trust.is_significant(
         2 * (without.objective - end.fit.objective), end.fit.opacities.size
@@ -432,7 +543,8 @@ def recover_silhouette(
     )
     return Silhouette(
         name=shape,
-        plane=plane,
+        plane=end.plane,
+        depth=depth,
         opacities=end.fit.opacities,
         seen=(shadow > UNSEEN * shadow.max()).reshape(cells),
         image=patches.image(explained.image),
@@ -440,78 +552,31 @@ def recover_silhouette(
         unexplained_open=unexplained_open,
         residual=residual,
         evidence=explained.cost,
-        agreeing=end.agreeing,
-        starts=end.starts,
+        agreeing=sum(agreeing),
+        starts=len(agreeing),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """Where a mask stands, in an occluder's place, and the hidden patches."""
-
-    scenario: Geometry
-    name: str
-    plane: MaskPlane
-    hidden: Hidden
-
-    def mask(self, cells: tuple[int, int], photograph: Photograph) -> tuple[Mask, Array]:
-        """Return a mask before a photograph's pixels, and a basis of range(B), (M, r)."""
-        used, scene, hidden = photograph.pixels, self.scenario.scene, self.hidden
-        shape, camera = photograph.shape, self.scenario.view.camera
-        view = View.of(scene, shape, camera=camera)
-        fine = View.of(scene, shape, across=points_across(shape), camera=camera).of_pixels(used)
-        A = area_transport(Geometry(replace(fine, scene=scene.without(self.name)), hidden))
-        shadows = CellShadows.of(A, Geometry(view, hidden), self.plane, cells, used)
-        if not shadows.light.any():
-            raise SceneError(
-                f"scene '{scene.path}': occluder '{self.name}' casts no shadow of the monitor into "
-                "what the camera sees of the wall, wherever in its rectangle it is opaque"
-            )
-        return Mask.of(cells, shadows, used), problem.ambient_basis(view, used, photograph)
-
-
-@dataclass(frozen=True, eq=False)
-class _End:
-    """The end of a search: the best fit of a mask, and how many of the starts ended near it."""
-
-    mask: Mask
-    likelihood: Likelihood
-    fit: MaskFit
-    agreeing: int = 0
-    starts: int = 0
-
-
 def _behind_pictures(
-    place: _Place,
+    wall: Wall,
     cells: tuple[int, int],
     photographs: Sequence[Photograph],
     pictures: Sequence[Array],
-) -> _End:
-    """Find the mask behind known pictures, (N, P) each: one descent from half opaque cells."""
-    mask, Q = place.mask(cells, photographs[0])
-    mask = replace(mask, shadows=mask.shadows.before(np.hstack(pictures)))
-    likelihood = known_pictures(Q, [each.used for each in photographs], pictures)
-    start = np.full(cells, 0.5), np.zeros(len(mask.terms))
-    return _End(mask, likelihood, mask.descend(*start, likelihood))
+    depth: Depth,
+) -> Callable[..., MaskEnd]:
+    """Return where descents behind known pictures, (N, P) each, end, by the scale.
 
+    Each is from half opaque cells, or from the opacities of another end.
+    """
+    likelihood = known_pictures(wall.background, [each.used for each in photographs], pictures)
 
-def _behind_unknown_image(
-    place: _Place,
-    cells: tuple[int, int],
-    coarse: Photograph,
-    fine: Photograph,
-    seed: int,
-    report: Callable[[float], None],
-) -> _End:
-    """Find the mask behind an unknown image: few cells first, from random starts, then all."""
-    images = SmoothImages.hats(place.hidden, place.hidden)
+    def end(scale: float, start: MaskEnd | None = None) -> MaskEnd:
+        mask = wall.mask(plane := depth.plane(scale), cells)
+        mask = replace(mask, shadows=mask.shadows.before(np.hstack(pictures)))
+        opacities, gain = np.full(cells, 0.5), np.zeros(len(mask.terms))
+        if start is not None:
+            masks, gain = start.fit.opacities, start.fit.gain
+            opacities = plane.seen_through(start.plane, depth.monitor, masks, cells)
+        return MaskEnd(scale, plane, mask, likelihood, mask.descend(opacities, gain, likelihood))
 
-    def level(cells: tuple[int, int], photograph: Photograph) -> tuple[Mask, UnknownImage]:
-        mask, Q = place.mask(cells, photograph)
-        return mask, UnknownImage(photograph.used, Q, images)
-
-    rows, columns = np.minimum(cells, place.plane.square_cells(FEW)).tolist()
-    mask, image = level(cells, fine)
-    fit, agreeing = search(level((rows, columns), coarse), (mask, image), seed, report)
-    likelihood = image.at(mask.transport(np.zeros(cells), fit.gain), 0.0)
-    return _End(mask, likelihood, fit, agreeing, STARTS)
+    return end

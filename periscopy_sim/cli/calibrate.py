@@ -247,7 +247,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.calibration.silhouette import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
-    from periscopy_sim.numerics.validation import percentages
+    from periscopy_sim.numerics.validation import percentages, with_error
 
     size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
@@ -268,6 +268,9 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     for row in solution.opaque:
         output.say("  " + "".join("##" if cell else " ." for cell in row))
     output.say(f"the photograph shows the shadows of {solution.seen.sum()} of these cells")
+    if solution.depth.is_free:
+        middle = ", ".join(map(with_error, *solution.middle))
+        output.say(f"the middle of its plane is at ({middle}) m, along the way from the monitor")
     if solution.starts:
         output.say("silhouette and image may both be shifted, against each other")
     without, with_it = percentages(solution.unexplained_open, solution.unexplained)

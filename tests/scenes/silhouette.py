@@ -5,6 +5,7 @@ import pytest
 
 from periscopy_sim.analytic.area_transport import area_transport
 from periscopy_sim.analytic.point_light import point_light_backgrounds
+from periscopy_sim.calibration.mask_depth import Depth
 from periscopy_sim.calibration.masks import MaskPlane
 from periscopy_sim.calibration.silhouette import Silhouette, write_masked_scene
 from periscopy_sim.measurement import add_noise, composite
@@ -16,6 +17,7 @@ SCENE = """<scene version="3.0.0">
     <default name="shift_error" value="0.005"/>
     <default name="turn" value="0"/>
     <default name="depth" value="0.57"/>
+    <default name="depth_error" value="0"/>
     <default name="size" value="0.04"/>
     <integrator type="path"/>
     <sensor type="orthographic" id="camera">
@@ -99,7 +101,10 @@ def empty(scenario):
 
 def silhouette(plane, opaque):
     seen, nothing = np.ones(opaque.shape, bool), np.zeros((1, 1, 3))
-    return Silhouette("card", plane, opaque.astype(float), seen, nothing, 0.0, 0.0, nothing, 0.0)
+    depth = Depth(plane, np.array([0.228, 0.0, 0.29]), 0.55, np.zeros(3), {}, {}, 0.0)
+    return Silhouette(
+        "card", plane, depth, opaque.astype(float), seen, nothing, 0.0, 0.0, nothing, 0.0
+    )
 
 
 @pytest.fixture(scope="session")
