@@ -9,6 +9,10 @@ monitor. Along the plane it moves as the errors of the scene's numbers do togeth
 σ the error of the measured distance over the distance. Cells, patches and unfinished descents make
 J uneven. So the standard error of log s is √(max(1, r) / J″), of the parabola through J about its
 least value; r is the root mean square of J less the parabola.
+
+A picture with dark margins may be at another depth, too. How much smaller than the monitor an
+unknown one may be adds to the error: its width grows with s as s / (1 − s t), t the measured
+fraction of the way from the monitor to the wall.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ import numpy as np
 
 from periscopy_sim.calibration import prior
 from periscopy_sim.calibration.masks import MaskPlane
+from periscopy_sim.calibration.result import Parameter
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.nodes import SceneNodes, only_motions
 from periscopy_sim.view import Geometry
@@ -28,11 +33,19 @@ from periscopy_sim.view import Geometry
 KNOWN = 0.02
 """Error of the scale up to which a search keeps the measured one: it errs as much itself."""
 
+DIGITS = 6
+"""Decimals of a scale that count; the rest is rounding of places."""
+
 FAR, SPACING = 2.0, 0.2
 """Errors from the measured distance within which a search begins, and its steps of log s."""
 
 WAY = 0.1, 0.9
 """Fractions of the way from the monitor to the wall between which a mask may stand."""
+
+MARGINS = 0.2
+"""Standard error of the logarithm of an unknown picture's width, over the monitor's. By this value
+the depths of twelve letters and signs, behind pictures with margins of 0 to 4 patches of 24, have
+a root mean square z of 1.0; without it 8."""
 
 STEPS = 4, 2, 1
 """Steps that refine log s, in units of `KNOWN`."""
@@ -105,8 +118,8 @@ class Depth:
             if moved:
                 motions[name] = (moved[shape] @ np.append(middle, 1))[:3] - middle
         J = np.array([*motions.values()]).reshape(-1, 3)
-        deeper = J @ normal
-        variance = max(float(deeper @ deeper), np.finfo(float).tiny)
+        deeper = np.round(J @ normal, DIGITS)
+        variance = max(float(deeper @ deeper), 10.0 ** (-2 * DIGITS))
         steps = zip(motions, deeper / variance, strict=True)
         error = float(np.linalg.norm(deeper))
         return cls(
@@ -125,12 +138,18 @@ class Depth:
         return self.measured.moved((scale - 1) * self.motion)
 
     @property
-    def estimates(self) -> dict[str, tuple[float, float]]:
-        """The numbers at the estimated scale, with their standard errors."""
-        return {
-            name: (value + (self.scale - 1) * slope, abs(slope) * self.error)
-            for (name, value), slope in zip(self.values.items(), self.slopes.values(), strict=True)
-        }
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The numbers that move the plane to or from the monitor."""
+        return tuple(
+            Parameter(
+                name,
+                start := self.values[name],
+                start + (self.scale - 1) * slope,
+                *(abs(slope) * each for each in (self.error, self.error, self.ruler_error)),
+            )
+            for name, slope in self.slopes.items()
+            if slope
+        )
 
     @property
     def is_free(self) -> bool:
@@ -156,11 +175,16 @@ class Depth:
         return end.objective + self.penalty(end.scale)
 
     def refined(
-        self, first: End, at: Callable[[float, End], End], report: Callable[[float], None]
+        self,
+        first: End,
+        at: Callable[[float, End], End],
+        report: Callable[[float], None],
+        margins: float = 0.0,
     ) -> tuple[End, Self]:
         """Return the likeliest end near the first one, and the depth with its error.
 
-        `at` returns the end at a scale, from an end at another.
+        `at` returns the end at a scale, from an end at another. `margins` is the standard error of
+        the logarithm of the image's width.
         """
         if not self.is_free:
             return first, self
@@ -177,8 +201,10 @@ class Depth:
                     break
         nearest = sorted(ends, key=lambda k: abs(k - best))[:NEIGHBOURS]
         objectives = np.array([self.objective(ends[k]) for k in nearest])
-        error = min(_error(KNOWN * np.array(nearest), objectives), self.ruler_error)
         end = ends[best]
+        larger = margins * (1 - end.scale * self.way)
+        error = np.hypot(_error(KNOWN * np.array(nearest), objectives), larger)
+        error = min(float(error), self.ruler_error)
         return end, replace(self, scale=end.scale, error=end.scale * error)
 
 

@@ -40,7 +40,7 @@ from threadpoolctl import threadpool_limits
 from periscopy_sim.analytic.area_transport import area_transport, points_across
 from periscopy_sim.calibration import calibrated_scene, moving_scene, prior, problem, trust
 from periscopy_sim.calibration.evidence import ROUNDING, Matrix, SmoothImages
-from periscopy_sim.calibration.mask_depth import Depth
+from periscopy_sim.calibration.mask_depth import MARGINS, Depth
 from periscopy_sim.calibration.masks import (
     Cells,
     CellShadows,
@@ -54,6 +54,7 @@ from periscopy_sim.calibration.masks import (
     usual_opacity,
 )
 from periscopy_sim.calibration.prior import SceneCovariance
+from periscopy_sim.calibration.result import Parameter
 from periscopy_sim.errors import PhotographError, SceneError
 from periscopy_sim.hidden import Hidden, Sizes
 from periscopy_sim.numerics import Array, Image
@@ -121,10 +122,10 @@ class Silhouette:
         return opaque(self.opacities)
 
     @property
-    def middle(self) -> tuple[Array, Array]:
-        """(3,) middle of the plane, and its standard errors on the way from the monitor."""
-        middle = self.plane.points(np.array([0.5, 0.5]))
-        return middle, np.abs(middle - self.depth.monitor) * self.depth.error / self.depth.scale
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The scene's numbers that the plane's depth changes."""
+        trusted = not self.doubts
+        return tuple(replace(each, trusted=trusted) for each in self.depth.parameters)
 
     @property
     def decided(self) -> float:
@@ -159,8 +160,7 @@ class Silhouette:
             "trusted": not self.doubts,
             "doubts": self.doubts,
             "rectangle": asdict(self.plane),
-            "middle": self.middle[0],
-            "middle_error": self.middle[1],
+            "parameters": {each.name: each.record() for each in self.parameters},
             "opaque": ["".join("#" if cell else "." for cell in row) for row in self.opaque],
             "cells_seen": int(self.seen.sum()),
             "cells_decided": self.decided,
@@ -200,7 +200,7 @@ def write_masked_scene(
         As `with_defaults`, or if the shape's tag is not in the file itself.
     """
     name, depth = solution.name, solution.depth
-    values = {name: f"{value:.9g}" for name, (value, _) in depth.estimates.items()}
+    values = {each.name: f"{each.value:.9g}" for each in depth.parameters}
     places = SceneNodes(scene.path, {**scene.given, **values}).layout().places
     to_world, whole = places[name], cell_mesh(solution.plane, solution.opaque)
     vertices = (whole.vertices - to_world[:3, 3]) @ np.linalg.pinv(to_world[:3, :3]).T
@@ -409,12 +409,15 @@ def search(
         ends.append(coarse.descend(scale, depth.plane(scale), start, None, ALLOWANCES))
         report(0.4 * number / len(starts))
     ends.sort(key=depth.objective)
+    scales = [end.scale for end in ends]
+    ranks = [scales[:k].count(scale) for k, scale in enumerate(scales)]
+    distinct = [ends[k] for k in np.argsort(ranks, kind="stable")]  # the best of each depth first
     followed = []
-    for number, end in enumerate(ends[:FINALISTS], 1):
+    for number, end in enumerate(distinct[:FINALISTS], 1):
         followed.append(beside(end.scale, end))
         report(0.4 + 0.3 * number / FINALISTS)
     best = min(followed, key=depth.objective)
-    best, depth = depth.refined(best, beside, lambda part: report(0.7 + 0.3 * part))
+    best, depth = depth.refined(best, beside, lambda part: report(0.7 + 0.3 * part), MARGINS)
     ours = opaque(best.fit.opacities)
     masks = [opaque(moved(end, best.plane, ours.shape)) for end in ends]
     return best, depth, [bool((ours & m).sum() >= AGREEING * (ours | m).sum()) for m in masks]
@@ -432,8 +435,8 @@ def _random_opacities(cells: tuple[int, int], seed: Sequence[int]) -> Array:
 
 FEW = 8
 """Cells of first descents along the longer side, at most: a letter F of 16 x 16 is found from 8 x
-8. They look at a quarter of the pixels along a side that a photograph may have, later ones at half
-of them or more."""
+8. Pixels are about as large as a cell's shadow: by half as large ones, the objective of a real
+photograph prefers a wrong depth, for what cells cannot follow counts as evidence."""
 
 UNSEEN = 1e-2
 """Fraction of the largest cell's shadow below which a cell's is not seen."""
@@ -494,16 +497,17 @@ def recover_silhouette(
     plane = MaskPlane.of(scenario, shape)
     cells, size = cells or plane.square_cells(), scenario.photograph_shape
     needed = np.ceil(max(size) / plane.pixels_a_cell(scenario, cells))
-    finest = moving_scene.limit_size(
-        size, int(np.clip(needed, moving_scene.LARGEST // 2, moving_scene.LARGEST))
-    )
+    fewest = moving_scene.LARGEST // (2 if shown else 4)
+    pixels = int(np.clip(needed, fewest, moving_scene.LARGEST))
     photographs = [each.unmixed() for each in of_one_wall(photograph, size)]
     if len(photographs) != max(1, len(shown)):
         raise PhotographError(
             f"{len(photographs)} photographs of {len(shown)} shown pictures: give a photograph of "
             "each picture, or one photograph of an unknown one"
         )
-    averaged = [averaged_photograph(each, finest) for each in photographs]
+    averaged = [
+        averaged_photograph(each, moving_scene.limit_size(size, pixels)) for each in photographs
+    ]
     sizes = moving_scene.limit_sizes(
         scenario.hidden, problem.MOST_PATCHES if shown else problem.COARSE_HATS
     )
@@ -519,9 +523,8 @@ def recover_silhouette(
             first = min(map(behind, depth.scales), key=depth.objective)
             end, depth = depth.refined(first, behind, report)
         else:
-            few, pixels = plane.square_cells(FEW), moving_scene.LARGEST // 4
-            rows, columns = np.minimum(cells, few).tolist()
-            small = averaged_photograph(photographs[0], moving_scene.limit_size(size, pixels))
+            rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()
+            small = averaged_photograph(photographs[0], moving_scene.limit_size(size, pixels // 2))
             coarse = Level(wall(small), (rows, columns))
             fine = Level(wall(averaged[0]), cells)
             end, depth, agreeing = search(coarse, fine, depth, seed, report)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics.validation import number_of, size_of
 from periscopy_sim.scene import CALIBRATED
 from periscopy_sim.storage.outputs import spare_inputs
+
+if TYPE_CHECKING:
+    from periscopy_sim.calibration.result import Parameter
 
 _PHOTO = "One or more photographs, between which only the monitor's picture changed."
 _SHOWN = (
@@ -247,7 +250,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
     """Find the silhouette of a shape; write a scene that has it, its mesh, JSON and a picture."""
     from periscopy_sim.calibration.silhouette import write_masked_scene
     from periscopy_sim.figures.calibration import draw_silhouette
-    from periscopy_sim.numerics.validation import percentages, with_error
+    from periscopy_sim.numerics.validation import percentages
 
     size = None if cells is None else size_of(cells)
     mesh = out.with_name(f"{out.stem}_{shape}.ply")
@@ -269,8 +272,7 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         output.say("  " + "".join("##" if cell else " ." for cell in row))
     output.say(f"the photograph shows the shadows of {solution.seen.sum()} of these cells")
     if solution.depth.is_free:
-        middle = ", ".join(map(with_error, *solution.middle))
-        output.say(f"the middle of its plane is at ({middle}) m, along the way from the monitor")
+        show_parameters(solution.parameters, session.scenario.document.units)
     if solution.starts:
         output.say("silhouette and image may both be shifted, against each other")
     without, with_it = percentages(solution.unexplained_open, solution.unexplained)
@@ -280,14 +282,13 @@ def find_silhouette(session: CalibrationSession, out: Path, shape: str, cells: s
         output.conclude(sentence("silhouette", without=without, with_it=with_it), "green")
 
 
-def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None:
-    """Print the parameters with their units, the gain and the colours, and whether to trust."""
-    from periscopy_sim.calibration.prior import FARTHEST
+def show_parameters(parameters: Sequence["Parameter"], units: Mapping[str, str]) -> None:
+    """Print parameters with their units, measured values, and what each rests on."""
     from periscopy_sim.calibration.result import ParameterSource
-    from periscopy_sim.numerics.validation import percentages, with_error
+    from periscopy_sim.numerics.validation import with_error
 
     rows = []
-    for p in result.parameters:
+    for p in parameters:
         value = with_error(p.value, p.standard_error, units.get(p.name, ""))
         source: str = p.source
         if p.source is ParameterSource.PHOTOGRAPH_ALONE:
@@ -295,6 +296,14 @@ def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None
             source += f" ({alone} then)"
         rows.append([p.name, value, with_error(p.start, p.ruler_error), source])
     output.show_table(rows, ["parameter", "calibrated", "measured", "source"])
+
+
+def show_calibration(result: "ps.Calibration", units: Mapping[str, str]) -> None:
+    """Print the parameters with their units, the gain and the colours, and whether to trust."""
+    from periscopy_sim.calibration.prior import FARTHEST
+    from periscopy_sim.numerics.validation import percentages
+
+    show_parameters(result.parameters, units)
     before, after = percentages(*result.unexplained)
     rows = [
         ["unexplained", f"{after} %", f"{before} % with the measured values"],

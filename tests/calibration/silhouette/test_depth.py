@@ -27,6 +27,7 @@ def test_a_depth_errs_as_the_numbers_that_move_the_shape_towards_the_wall(free, 
     assert min(free.scales) == pytest.approx(np.exp(-2 * 0.08 / 0.57), rel=1e-3)
     known = Depth.of(scenario, "card", plane)
     assert known.scales == [1.0] and known.error == known.ruler_error == 0
+    assert known.values == {"shift": 0} and not known.parameters
 
 
 def test_a_plane_moves_as_the_errors_say_and_its_cells_are_found_again(free, plane):
@@ -83,6 +84,6 @@ def test_known_pictures_show_the_depth(scene, photographs, images):
     solution = recover_silhouette(
         photographs, scene, HIDDEN, "card", FLAG.shape, shown=images, parameters=values
     )
-    middle, error = solution.middle
-    assert abs(middle[1] - 0.57) < min(0.01, 4 * error[1])
+    (depth,) = solution.parameters
+    assert depth.name == "depth" and abs(depth.value - 0.57) < min(0.01, 4 * depth.standard_error)
     assert np.mean(solution.opaque == FLAG) > 0.95
