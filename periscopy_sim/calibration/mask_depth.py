@@ -17,7 +17,8 @@ fraction of the way from the monitor to the wall.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Protocol, Self, TypeVar
 
@@ -26,6 +27,7 @@ import numpy as np
 from periscopy_sim.calibration import prior
 from periscopy_sim.calibration.masks import MaskPlane
 from periscopy_sim.calibration.result import Parameter
+from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
 from periscopy_sim.rendering.nodes import SceneNodes, only_motions
 from periscopy_sim.view import Geometry
@@ -174,6 +176,21 @@ class Depth:
         """Return J."""
         return end.objective + self.penalty(end.scale)
 
+    def scanned(self, at: Callable[[float], Iterable[End]]) -> list[End]:
+        """Return the ends at the scales where a search begins, the best one first.
+
+        A SceneError says that the mask casts no shadow into view at any of them.
+        """
+        ends, errors = list[End](), []
+        for scale in self.scales:
+            try:
+                ends += at(scale)
+            except SceneError as error:
+                errors.append(error)
+        if not ends:
+            raise errors[0]
+        return sorted(ends, key=self.objective)
+
     def refined(
         self,
         first: End,
@@ -194,7 +211,8 @@ class Depth:
                 for k in (best - step, best + step):
                     scale = first.scale * np.exp(KNOWN * k)
                     if k not in ends and np.isfinite(self.penalty(scale)):
-                        ends[k] = at(scale, ends[best])
+                        with suppress(SceneError):  # it casts no shadow into view there
+                            ends[k] = at(scale, ends[best])
                 report((number + 1) / len(STEPS))
                 before, best = best, min(ends, key=lambda k: self.objective(ends[k]))
                 if best == before:

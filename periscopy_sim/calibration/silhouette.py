@@ -23,7 +23,7 @@ of the photograph that need not be explained yet: the larger, the smoother is E.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -403,12 +403,17 @@ def search(
             start = np.minimum(start / usual_opacity(end.fit.opacities), 1.0)
         return fine.descend(scale, plane, start, end.fit.gain, ALLOWANCES[1:])
 
-    starts, ends = [(scale, k) for scale in depth.scales for k in range(STARTS)], []
-    for number, (scale, k) in enumerate(starts, 1):
-        start = _random_opacities(coarse.cells, [seed, k])
-        ends.append(coarse.descend(scale, depth.plane(scale), start, None, ALLOWANCES))
-        report(0.4 * number / len(starts))
-    ends.sort(key=depth.objective)
+    done = 0
+
+    def from_random(scale: float) -> Iterator[MaskEnd]:
+        nonlocal done
+        for k in range(STARTS):
+            start = _random_opacities(coarse.cells, [seed, k])
+            yield coarse.descend(scale, depth.plane(scale), start, None, ALLOWANCES)
+            done += 1
+            report(0.4 * done / STARTS / len(depth.scales))
+
+    ends = depth.scanned(from_random)
     scales = [end.scale for end in ends]
     ranks = [scales[:k].count(scale) for k, scale in enumerate(scales)]
     distinct = [ends[k] for k in np.argsort(ranks, kind="stable")]  # the best of each depth first
@@ -520,7 +525,7 @@ def recover_silhouette(
         if shown:
             pictures = [problem.shown_light(each, patches) for each in shown]
             behind = _behind_pictures(wall(averaged[0]), cells, averaged, pictures, depth)
-            first = min(map(behind, depth.scales), key=depth.objective)
+            first = depth.scanned(lambda scale: [behind(scale)])[0]
             end, depth = depth.refined(first, behind, report)
         else:
             rows, columns = np.minimum(cells, plane.square_cells(FEW)).tolist()

@@ -8,6 +8,7 @@ from periscopy_sim.calibration.mask_depth import Depth
 from periscopy_sim.calibration.masks import MaskPlane
 from periscopy_sim.calibration.prior import scene_covariance
 from periscopy_sim.calibration.silhouette import recover_silhouette, write_masked_scene
+from periscopy_sim.errors import SceneError
 from periscopy_sim.rendering.load import load_geometry
 from periscopy_sim.rendering.scene_files import read_document
 from tests.scenes.silhouette import FLAG, HIDDEN, silhouette
@@ -55,6 +56,20 @@ def test_the_least_objective_is_found_with_the_error_of_its_curvature(free):
     end, depth = free.refined(Bowl(1.0), lambda scale, _: Bowl(scale), lambda _: None)
     assert depth.scale == end.scale == pytest.approx(1.17, rel=mask_depth.KNOWN)
     assert depth.error == pytest.approx(1.17 * 0.1 / np.sqrt(1000), rel=0.05)
+
+
+def test_depths_whose_shadows_are_out_of_view_are_left_out(free):
+    def at(scale):
+        if scale > 1 or nowhere:
+            raise SceneError("no shadow")
+        return [Bowl(scale)]
+
+    nowhere = False
+    ends = free.scanned(at)
+    assert ends[0].scale == 1 and len(ends) == len(free.scales) // 2 + 1
+    nowhere = True
+    with pytest.raises(SceneError):
+        free.scanned(at)
 
 
 def test_the_file_has_the_plane_at_its_depth_and_the_depth_has_the_only_error(
