@@ -27,7 +27,6 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy import linalg
 
 from periscopy_sim.errors import SceneError
 from periscopy_sim.numerics import Array
@@ -61,7 +60,8 @@ class SceneCovariance:
 
     def joined(self, name: str, value: float, error: float, ruled: float) -> Self:
         """Return this with another parameter, whose error is independent of the others."""
-        covariance = linalg.block_diag(self.covariance, error**2)
+        covariance = np.pad(self.covariance, (0, 1))
+        covariance[-1, -1] = error**2
         values, ruled_values = np.append(self.values, value), np.append(self.ruled, ruled)
         return replace(
             self,

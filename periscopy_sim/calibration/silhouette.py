@@ -329,7 +329,7 @@ class MaskEnd:
 
 
 @dataclass(frozen=True, eq=False)
-class Wall:
+class MaskedWall:
     """A photograph of the wall, before which a mask stands in an occluder's place."""
 
     scene: Geometry  # seen in the photograph's pixels
@@ -364,7 +364,7 @@ class Wall:
 class Level:
     """A photograph of an unknown image behind masks of (rows, columns) cells."""
 
-    wall: Wall
+    wall: MaskedWall
     cells: tuple[int, int]
 
     @cached_property
@@ -518,7 +518,7 @@ def recover_silhouette(
     )
     patches = Hidden.of_scene(scenario.scene, sizes)
     depth = Depth.of(scenario, shape, plane)
-    wall = partial(Wall.of, scenario, shape, patches)
+    wall = partial(MaskedWall.of, scenario, shape, patches)
     agreeing: Sequence[bool] = ()
     # Products this small gain less from threads than these cost, see `calibrate`.
     with threadpool_limits(1):
@@ -566,7 +566,7 @@ def recover_silhouette(
 
 
 def _behind_pictures(
-    wall: Wall,
+    wall: MaskedWall,
     cells: tuple[int, int],
     photographs: Sequence[Photograph],
     pictures: Sequence[Array],

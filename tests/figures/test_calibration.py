@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from periscopy_sim.calibration.mask_depth import Depth
 from periscopy_sim.calibration.masks import MaskPlane
 from periscopy_sim.calibration.result import Calibration, Parameter, ParameterSource, Rival
 from periscopy_sim.calibration.silhouette import Silhouette
@@ -99,10 +100,11 @@ def test_a_silhouette_s_figure_shows_the_image_of_each_surface(
 ) -> None:
     plane = MaskPlane(np.zeros(3), np.array([0.1, 0, 0]), np.array([0, 0, -0.05]))
     cells, image = np.eye(2), np.full((3, 2, 3), 0.5)
+    depth = Depth(plane, np.zeros(3), 0.5, np.zeros(3), {}, {}, 0.0)
     residual = np.random.default_rng(0).standard_normal((32, 36, 3))
     images = {"monitor": image, "hidden_card": 2 * image}
     for shown, titles in ((image, ["image"]), (images, [*images])):
-        found = Silhouette("card", plane, cells, cells > 0, shown, 0.1, 1.0, residual, 0.0)
+        found = Silhouette("card", plane, depth, cells, cells > 0, shown, 0.1, 1.0, residual, 0.0)
         draw_silhouette(tmp_path / "mask.png", PHOTOGRAPH, found)
         panels = [ax.get_title() for ax in saved[-1].axes]
         shows = [f"{name} with\nthis silhouette" for name in titles]
