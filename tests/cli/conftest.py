@@ -115,7 +115,8 @@ def every_wall_point():
 def few_wall_points(request, monkeypatch):
     """Average A by areas over fewer points of each pixel: small photographs cost as large ones."""
     if "every_wall_point" not in request.fixturenames:
-        monkeypatch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", 24)
+        points = 48 if request.node.get_closest_marker("thorough") else 24
+        monkeypatch.setattr("periscopy_sim.analytic.area_transport.PIXEL_POINTS", points)
 
 
 @pytest.fixture(autouse=True)
